@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every exception that this package raises on purpose."""
+
+from collections.abc import Iterable
+
+
+class NeuGraspError(Exception):
+    """Base of all errors that a caller may want to catch."""
+
+
+class ConfigError(NeuGraspError, ValueError):
+    """A configuration value is out of range or its key is unknown."""
+
+
+class ShapeError(NeuGraspError, ValueError):
+    """An array does not have the shape that was promised.
+
+    Args:
+        name: What the array holds.
+        expected: The expected shape, in words, such as ``(N, 3)``.
+        got: The shape that came.
+    """
+
+    def __init__(self, name: str, expected: str, got: tuple[int, ...]) -> None:
+        super().__init__(f"{name}: expected shape {expected}, got {got}")
+        self.expected = expected
+        self.got = got
+
+
+class DepthImageError(NeuGraspError, ValueError):
+    """A depth image cannot be used: encoding, size or content."""
+
+
+class EmptySceneError(NeuGraspError):
+    """Nothing was observed inside the workspace."""
+
+
+class RevisionError(NeuGraspError):
+    """Candidates belong to another volume revision than the one at hand."""
+
+
+class CheckpointError(NeuGraspError):
+    """A weights file is missing, damaged, or made for another network.
+
+    Args:
+        path: The file.
+        reason: What is wrong with it, and what was expected.
+    """
+
+    def __init__(self, path: object, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = path
+
+
+class UnknownNameError(NeuGraspError, KeyError):
+    """A name is not in a registry.
+
+    Args:
+        kind: What was looked up, such as ``gripper``.
+        name: The name that came.
+        known: The names there are.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.known = tuple(sorted(known))
+        self.message = f"unknown {kind} {name!r}; known: {', '.join(self.known)}"
+        super().__init__(self.message)
+
+    def __str__(self) -> str:
+        """Return the sentence itself; KeyError would show its repr."""
+        return self.message
+
+
+class UnknownAffordanceError(UnknownNameError):
+    """An affordance query names a class that the network does not know."""
+
+
+class RobotModelError(NeuGraspError):
+    """A frame, joint or group is not in the robot description.
+
+    Args:
+        kind: What was looked up, such as ``frame``.
+        name: The name that came.
+        known: The names there are.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.known = tuple(known)
+        super().__init__(
+            f"the robot description has no {kind} {name!r}; "
+            f"it has: {', '.join(self.known)}"
+        )
+
+
+class SimulationError(NeuGraspError):
+    """The physics engine refused a body or a body did not settle."""
+
+
+class ShardError(NeuGraspError):
+    """A data shard is damaged or was written by another version."""
+
+
+class ObjectFileError(NeuGraspError):
+    """An object's file is missing, broken, or not what its ending says.
+
+    Args:
+        path: The file or part.
+        reason: What is wrong with it, and what was expected.
+    """
+
+    def __init__(self, path: object, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = path

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid transforms, cameras, grippers, meshes and ray casting."""

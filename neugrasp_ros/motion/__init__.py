@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A reachable grasp as a time-parameterised path."""
