@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Find an object set by its name or folder, and split it by name."""
+
+import importlib.util
+import os
+import zlib
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from pathlib import Path
+
+from neugrasp_ros.errors import ObjectFileError, UnknownNameError
+from sim_bridge.objects.meshes import find_meshes, load_bare_mesh, read_options
+from sim_bridge.objects.model import ObjectModel
+from sim_bridge.objects.urdf import find_urdfs, load_urdf
+
+BUILT_IN = ("procedural", "affordance", "random_urdfs")
+BROKEN_RANDOM_URDFS = ("168",)  # its vertices are not numbers, as published
+FOLDERS_VARIABLE = "NEUGRASP_OBJECTS"  # folders that hold object folders, ':' between
+N_CACHED = 2048  # models kept per set: about 0.1 MB each
+SPLIT_MODULUS = 8
+SPLIT_REMAINDERS = {"val": (0,), "tune": (1,), "train": tuple(range(2, SPLIT_MODULUS))}
+
+
+class ObjectSet:
+    """Named objects that are loaded when asked for.
+
+    Args:
+        name: Name of the set, as it appears in scene recipes.
+        names: Names of its objects; they are sorted.
+        loader: Makes the model of a name, which may be one beyond ``names`` in a set
+            that is generated.
+    """
+
+    def __init__(
+        self, name: str, names: Iterable[str], loader: Callable[[str], ObjectModel]
+    ) -> None:
+        self.name = name
+        self.names = tuple(sorted(names))
+        self._load = lru_cache(maxsize=N_CACHED)(loader)
+
+    def load(self, name: str) -> ObjectModel:
+        """Return the model of a name; the same object every time.
+
+        Raises:
+            UnknownNameError: If there is no such name.
+            ObjectFileError: If its files are broken.
+        """
+        return self._load(name)
+
+    def __len__(self) -> int:
+        """Return the number of names."""
+        return len(self.names)
+
+
+@lru_cache(maxsize=32)
+def object_set(name: str) -> ObjectSet:
+    """Return an object set by name or by folder.
+
+    Args:
+        name: ``procedural``, ``affordance``, ``random_urdfs``; a folder of one-link
+            URDFs or of bare OBJ/STL meshes; or the name of such a folder inside one of
+            those that the environment variable ``NEUGRASP_OBJECTS`` lists. A folder's
+            set is called like its last component.
+
+    Raises:
+        UnknownNameError: If it is none of these.
+        ObjectFileError: If a folder holds no object.
+    """
+    if name == "random_urdfs":
+        return _folder_set(_random_urdfs_folder())
+    for folder in (Path(name), *_search_folders(name)):
+        if folder.is_dir() and (folder.is_absolute() or name not in BUILT_IN):
+            return _folder_set(folder)
+    raise UnknownNameError("object set", name, (*BUILT_IN, "or a folder"))
+
+
+def split(names: Iterable[str], part: str) -> tuple[str, ...]:
+    """Return the names of one part of a set, by a hash of the name alone.
+
+    A name falls into the same part whatever the set, so an object that is in two sets
+    is never trained on in one and tested in the other.
+
+    Args:
+        names: Object names.
+        part: ``train``, ``tune`` (calibration and choices) or ``val``.
+
+    Raises:
+        UnknownNameError: If there is no such part.
+    """
+    if part not in SPLIT_REMAINDERS:
+        raise UnknownNameError("split", part, SPLIT_REMAINDERS)
+    wanted = SPLIT_REMAINDERS[part]
+    return tuple(
+        sorted(n for n in names if zlib.crc32(n.encode()) % SPLIT_MODULUS in wanted)
+    )
+
+
+def _search_folders(name: str) -> list[Path]:
+    roots = os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep)
+    return [Path(root) / name for root in roots if root]
+
+
+def _random_urdfs_folder() -> Path:
+    spec = importlib.util.find_spec("pybullet_data")
+    if spec is None or spec.origin is None:
+        raise ObjectFileError("random_urdfs", "needs the package pybullet_data")
+    return Path(spec.origin).parent / "random_urdfs"
+
+
+def _folder_set(folder: Path) -> ObjectSet:
+    set_name = folder.resolve().name
+    urdfs = find_urdfs(folder)
+    if set_name == "random_urdfs":
+        urdfs = {k: v for k, v in urdfs.items() if k not in BROKEN_RANDOM_URDFS}
+    if urdfs:
+        return _path_set(set_name, urdfs, lambda path: load_urdf(path, set_name))
+    meshes = find_meshes(folder)
+    if not meshes:
+        raise ObjectFileError(folder, "holds no *.urdf, *.obj or *.stl")
+    options = read_options(folder)
+    return _path_set(
+        set_name, meshes, lambda path: load_bare_mesh(path, set_name, options)
+    )
+
+
+def _path_set(
+    set_name: str, paths: dict[str, Path], loader: Callable[[Path], ObjectModel]
+) -> ObjectSet:
+    def load(name: str) -> ObjectModel:
+        if name not in paths:
+            raise UnknownNameError(f"object of {set_name}", name, _nearest(name, paths))
+        return loader(paths[name])
+
+    return ObjectSet(set_name, paths, load)
+
+
+def _nearest(name: str, names: Iterable[str], n_shown: int = 12) -> list[str]:
+    """Return a few names, those that begin alike first."""
+
+    def common(other: str) -> int:
+        return len(os.path.commonprefix([name.lower(), other.lower()]))
+
+    return sorted(sorted(names), key=common, reverse=True)[:n_shown]
