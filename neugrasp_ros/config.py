@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every default of the library, as frozen dataclasses.
+
+Each field carries its meaning and unit in ``metadata["doc"]`` and, where it is a
+number, its range in ``metadata["range"]``; the ROS nodes declare their parameters from
+the same table.
+"""
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from neugrasp_ros.errors import ConfigError
+
+Config = TypeVar("Config")
+
+
+def option(
+    default: Any,
+    doc: str,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a documented, checked dataclass field.
+
+    Args:
+        default: Default value.
+        doc: Meaning and unit.
+        low: Smallest value allowed.
+        high: Largest value allowed.
+        choices: Words allowed, for a string.
+    """
+    metadata: dict[str, Any] = {"doc": doc}
+    if low is not None and high is not None:
+        metadata["range"] = (low, high)
+    if choices:
+        metadata["choices"] = choices
+    return field(default=default, metadata=metadata)
+
+
+class Checked:
+    """Mixin that checks each field against its declared range or choices."""
+
+    def __post_init__(self) -> None:
+        """Reject a value out of range.
+
+        Raises:
+            ConfigError: Naming the field, the value and what is allowed.
+        """
+        for item in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, item.name)
+            bounds = item.metadata.get("range")
+            if bounds and not bounds[0] <= value <= bounds[1]:
+                raise ConfigError(
+                    f"{item.name} must be in [{bounds[0]}, {bounds[1]}], got {value}"
+                )
+            choices = item.metadata.get("choices")
+            if choices and value not in choices:
+                raise ConfigError(
+                    f"{item.name} must be one of {', '.join(choices)}, got {value!r}"
+                )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkConfig(Checked):
+    """Shape of the network; stored inside every weights file."""
+
+    encoder: str = option("voxel", "Encoder's name in the registry")
+    stem: str = option(
+        "axis", "How a plane sees its dropped axis", choices=("axis", "conv3d")
+    )
+    resolution: int = option(64, "Voxels per edge of the input volume", 8, 256)
+    plane_resolution: int = option(32, "Cells per edge of a feature plane", 4, 256)
+    channels: int = option(32, "Channels C of a feature plane", 4, 512)
+    unet_depth: int = option(3, "Levels of the U-Net shared by the planes", 1, 6)
+    unet_channels: int = option(32, "Channels of its first level", 4, 256)
+    occupancy_hidden: int = option(48, "Width of the occupancy decoder", 8, 1024)
+    occupancy_blocks: int = option(4, "Residual blocks of the occupancy decoder", 1, 10)
+    detector: str = option("neugrasp", "Detector's name in the registry")
+    point_features: str = option(
+        "shared", "Plane features of local points", choices=("shared", "none")
+    )
+    local_points: int = option(128, "Local surface points per grasp", 16, 4096)
+    pointnet_width: int = option(64, "Width of the first PointNet layer", 8, 512)
+    pointnet_out: int = option(256, "Width of the pooled PointNet feature", 16, 2048)
+    affordances: tuple[str, ...] = option((), "Affordance classes that have a head")
+
+
+CPU_NETWORK = NetworkConfig()
+"""The size that is trained and shipped."""
+
+PAPER_NETWORK = NetworkConfig(
+    stem="conv3d",
+    plane_resolution=64,
+    channels=128,
+    unet_depth=5,
+    unet_channels=64,
+    occupancy_hidden=256,
+    occupancy_blocks=5,
+    local_points=1023,
+    pointnet_out=1024,
+)
+"""The paper's size (method sheet, c2)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderConfig(Checked):
+    """Virtual cameras that look at the implicit scene, and at each grasp."""
+
+    cameras: int = option(6, "Scene cameras, evenly spaced in azimuth", 1, 32)
+    elevation_deg: float = option(60.0, "Their elevation [deg]", 0.0, 90.0)
+    radius: float = option(0.6, "Distance to the cube's centre [m]", 0.2, 5.0)
+    image_size: int = option(48, "Rows and columns of a scene camera [pixel]", 4, 512)
+    fov_deg: float = option(45.0, "Field of view of a scene camera [deg]", 5.0, 150.0)
+    point_spacing: float = option(0.005, "Spacing of the merged cloud [m]", 0.001, 0.05)
+    local_image_size: int = option(
+        20, "Rows and columns of a local camera [pixel]", 4, 256
+    )
+    local_fov_deg: float = option(
+        120.0, "Field of view of a local camera [deg]", 30.0, 150.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannerConfig(Checked):
+    """The way from a volume to scored grasps."""
+
+    weights: str = option("", "Weights file; empty = the one that ships")
+    gripper: str = option("robotiq_2f85", "Gripper's name or its YAML file")
+    device: str = option("cpu", "Torch device")
+    threads: int = option(0, "Compute threads; 0 = all cores", 0, 256)
+    max_candidates: int = option(256, "Candidates scored per decision", 1, 10000)
+    render: RenderConfig = field(
+        default_factory=RenderConfig, metadata={"doc": "Virtual cameras"}
+    )
+
+
+def load_config(config_type: type[Config], path: str | Path) -> Config:
+    """Build a configuration from a flat YAML mapping of overrides.
+
+    Args:
+        config_type: A dataclass of this module.
+        path: YAML file.
+
+    Raises:
+        ConfigError: If the file is not a mapping, a key is unknown or a value is out
+            of range.
+    """
+    values = yaml.safe_load(Path(path).read_text()) or {}
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path}: expected a mapping, got {type(values).__name__}")
+    return override(config_type, values, where=str(path))
+
+
+def override(config_type: type[Config], values: dict[str, Any], where: str) -> Config:
+    """Build a configuration from overrides.
+
+    Raises:
+        ConfigError: If a key is unknown (the known ones are listed) or a value is out
+            of range or of the wrong type.
+    """
+    known = {item.name for item in fields(config_type)}  # type: ignore[arg-type]
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise ConfigError(f"{where}: unknown {unknown}; known: {sorted(known)}")
+    values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+    try:
+        return config_type(**values)
+    except TypeError as error:
+        raise ConfigError(f"{where}: {error}") from error
