@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every process of the suite does first, and how it spins and ends."""
+
+import ctypes
+import logging
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor
+from rclpy.logging import get_logger
+
+from neugrasp_ros.errors import ConfigError, NeuGraspError
+from neugrasp_ros.resources import config_dir
+
+PROFILE_VARIABLES = (
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+)
+NO_TUNING = "NEUGRASP_NO_TUNING"
+MALLOPT = {  # glibc: option -> bytes; keeps megabyte messages off mmap
+    -3: 32 << 20,  # M_MMAP_THRESHOLD
+    -1: 256 << 20,  # M_TRIM_THRESHOLD
+    -2: 64 << 20,  # M_TOP_PAD
+}
+LEVELS = {
+    logging.DEBUG: "debug",
+    logging.INFO: "info",
+    logging.WARNING: "warning",
+    logging.ERROR: "error",
+    logging.CRITICAL: "fatal",
+}
+START_ERROR = 1  # exit code of a node that cannot start
+
+
+def prepare() -> tuple[str, ...]:
+    """Tune DDS and the allocator for megabyte messages; call before ``rclpy.init``.
+
+    Nothing that the user has set is overridden, and ``NEUGRASP_NO_TUNING=1`` turns all
+    of it off.
+
+    Returns:
+        What was set, for a log line.
+    """
+    if os.environ.get(NO_TUNING, "") not in ("", "0"):
+        return ()
+    done = []
+    if _uses_fastrtps() and not any(name in os.environ for name in PROFILE_VARIABLES):
+        os.environ[PROFILE_VARIABLES[0]] = str(config_dir() / "fastdds.xml")
+        done.append("Fast DDS profile")
+    if platform.libc_ver()[0] == "glibc":
+        libc = ctypes.CDLL(None)
+        for name, value in MALLOPT.items():
+            libc.mallopt(name, value)
+        done.append("mallopt")
+    if "AMENT_PREFIX_PATH" not in os.environ:
+        os.environ["AMENT_PREFIX_PATH"] = sys.prefix
+        done.append("AMENT_PREFIX_PATH")
+    return tuple(done)
+
+
+def _uses_fastrtps() -> bool:
+    return "fastrtps" in os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+
+
+class _RosHandler(logging.Handler):
+    """Hands the library's log records to ROS."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._logger = get_logger(name)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        level = LEVELS.get(record.levelno, "info")
+        getattr(self._logger, level)(self.format(record))
+
+
+def forward_library_logs(name: str) -> None:
+    """Send log records of ``neugrasp_ros`` and ``sim_bridge`` to the logger ``name``."""
+    for package in ("neugrasp_ros", "sim_bridge"):
+        logger = logging.getLogger(package)
+        logger.handlers = [_RosHandler(name)]
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
+
+
+@contextmanager
+def ros(name: str, args: list[str] | None) -> Iterator[None]:
+    """Bring ROS up around a block, and down whatever ends it."""
+    prepare()
+    rclpy.init(args=args)
+    forward_library_logs(name)
+    try:
+        yield
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+
+
+def run(
+    name: str,
+    start: Callable[[Executor], Callable[[], None]],
+    args: list[str] | None,
+    threads: int = 4,
+) -> int:
+    """Run nodes until shutdown and return the exit code of the process.
+
+    Args:
+        name: Name for log lines of the process.
+        start: Builds the nodes, adds them to the executor, and returns what has to be
+            called at the end.
+        args: Command line without the program, with ``--ros-args``.
+        threads: Callbacks that may run at once.
+
+    Returns:
+        0, or 1 where a node could not start; the reason is in the log.
+    """
+    with ros(name, args):
+        executor = MultiThreadedExecutor(num_threads=threads)
+        try:
+            stop = start(executor)
+        except NeuGraspError as error:
+            get_logger(name).fatal(f"cannot start: {error}")
+            return START_ERROR
+        try:
+            executor.spin()
+        finally:
+            stop()
+            executor.shutdown(timeout_sec=2.0)
+    return 0
+
+
+def parameter_file(name_or_path: str) -> str:
+    """Return the path of a parameter file, given as a path or by its shipped name.
+
+    Raises:
+        ConfigError: If there is no such file.
+    """
+    shipped = config_dir() / f"{name_or_path}.yaml"
+    for candidate in (name_or_path, str(shipped)):
+        if os.path.isfile(candidate):
+            return os.path.abspath(candidate)
+    raise ConfigError(f"no parameter file {name_or_path} and none at {shipped}")

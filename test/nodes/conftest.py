@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS for tests: loopback only, a domain of its own, waiting on conditions."""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ.pop("ROS_LOCALHOST_ONLY", None)
+
+DOMAINS = range(20, 100)
+LOCK_PORT = 31000  # port of domain 0's lock; a bound socket reserves a domain
+
+
+@pytest.fixture(scope="session")
+def domain() -> Iterator[int]:
+    for candidate in DOMAINS:
+        lock = socket.socket()
+        try:
+            lock.bind(("127.0.0.1", LOCK_PORT + candidate))
+        except OSError:
+            lock.close()
+            continue
+        os.environ["ROS_DOMAIN_ID"] = str(candidate)
+        yield candidate
+        lock.close()
+        return
+    raise RuntimeError("all test domains are taken")
+
+
+@pytest.fixture(scope="session")
+def ros(domain: int) -> Iterator[None]:
+    import rclpy
+
+    from neugrasp_ros.nodes.runtime import prepare
+
+    prepare()
+    rclpy.init(args=[])
+    yield
+    rclpy.try_shutdown()
+
+
+class Spinner:
+    """Nodes spinning in a background thread."""
+
+    def __init__(self) -> None:
+        from rclpy.executors import MultiThreadedExecutor
+
+        self.executor = MultiThreadedExecutor(num_threads=8)
+        self.nodes: list = []
+        self._thread = threading.Thread(target=self.executor.spin, daemon=True)
+        self._thread.start()
+
+    def add(self, node):
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def stop(self) -> None:
+        self.executor.shutdown(timeout_sec=5.0)
+        self._thread.join(timeout=5.0)
+        for node in self.nodes:
+            node.destroy_node()
+
+
+@pytest.fixture
+def spinner(ros: None) -> Iterator[Spinner]:
+    spinner = Spinner()
+    yield spinner
+    spinner.stop()
+
+
+def wait_until(
+    condition: Callable[[], object], seconds: float = 10.0, what: str = ""
+) -> object:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.01)
+    raise AssertionError(f"not within {seconds} s: {what or condition}")
+
+
+@pytest.fixture(name="wait_until")
+def wait_until_fixture() -> Callable[..., object]:
+    return wait_until
