@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an object is: convex parts for the physics, closed meshes for the eye."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -163,24 +164,26 @@ class ObjectModel:
         return tuple(part.label for part in self.parts)
 
 
-def compound_mass(parts: tuple[Part, ...], density: float) -> tuple[float, FloatArray]:
+def compound_mass(
+    parts: Sequence[Part], meshes: Sequence[Mesh], density: float
+) -> tuple[float, FloatArray]:
     """Return mass in [kg] and centre of mass (3,) in [m] of parts of one density.
 
     Overlaps of parts count twice.
 
     Args:
         parts: The parts of an object.
+        meshes: Their meshes in the object's frame.
         density: In [kg/m^3]; for hollow things that of the enclosed volume.
     """
-    volumes = np.array([part_volume(part) for part in parts])
-    centers = np.stack([_centroid(part) for part in parts])
-    return float(density * volumes.sum()), np.average(centers, axis=0, weights=volumes)
-
-
-def _centroid(part: Part) -> FloatArray:
-    if part.vertices is None:
-        return np.asarray(part.pose[:3, 3])
-    return mesh_centroid(part_mesh(part))
+    is_hull = [part.kind == "hull" for part in parts]
+    pairs = list(zip(parts, meshes, is_hull, strict=True))
+    volumes = [
+        m.volume() if h else primitive_volume(p.kind, p.size) for p, m, h in pairs
+    ]
+    centers = [mesh_centroid(m) if h else p.pose[:3, 3] for p, m, h in pairs]
+    center = np.average(np.stack(centers), axis=0, weights=volumes)
+    return density * float(np.sum(volumes)), np.asarray(center)
 
 
 def mesh_centroid(mesh: Mesh) -> FloatArray:
