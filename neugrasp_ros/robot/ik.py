@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Batch inverse kinematics by damped least squares, compiled.
+
+Each step solves, with the pose error e = (translation, rotation vector) in the base
+frame, the Jacobian J, joint weights W and a damping that shrinks with the error,
+
+    dq = W J^T (J W J^T + (mu |e|^2 + eps) I)^-1 e
+
+and clips to the limits. A joint that a limit stops gets weight zero for one more
+solve of that step. [Sugihara2011]
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from neugrasp_ros.robot.chain import SerialChain, fill_jacobian, tip_and_axes
+
+MU, EPS = 0.02, 1e-6  # damping, relative and floor, at errors of the order of 1
+MAX_STEP = 0.8  # [rad] or [m], of any joint in one iteration
+
+
+class IkProblem(NamedTuple):
+    """What stays the same for a batch.
+
+    Attributes:
+        chain: The arm.
+        lower: Lower bounds of the solution in [rad] or [m], shape (n,).
+        upper: Upper bounds, shape (n,).
+        weights: Mobility of each joint, shape (n,): 1 = free, small = moves last.
+        tolerance: Largest accepted errors in [m] and [rad].
+        max_iterations: Steps from one seed.
+    """
+
+    chain: SerialChain
+    lower: np.ndarray
+    upper: np.ndarray
+    weights: np.ndarray
+    tolerance: tuple[float, float]
+    max_iterations: int
+
+
+@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+def _pose_error(rotation, position, target_rotation, target_position, error):  # type: ignore[no-untyped-def]
+    """Write e, in the base frame; return the two error norms in [m] and [rad]."""
+    for i in range(3):
+        error[i] = target_position[i] - position[i]
+    # D = R_target R^T; its axis times sine, and its trace
+    vx = vy = vz = 0.0
+    trace = 0.0
+    for k in range(3):
+        tx, ty, tz = target_rotation[0, k], target_rotation[1, k], target_rotation[2, k]
+        rx, ry, rz = rotation[0, k], rotation[1, k], rotation[2, k]
+        trace += tx * rx + ty * ry + tz * rz
+        vx += ry * tz - rz * ty
+        vy += rz * tx - rx * tz
+        vz += rx * ty - ry * tx
+    vx, vy, vz = 0.5 * vx, 0.5 * vy, 0.5 * vz
+    sine = np.sqrt(vx * vx + vy * vy + vz * vz)
+    angle = np.arctan2(sine, 0.5 * (trace - 1.0))
+    scale = angle / sine if sine > 1e-9 else 1.0
+    error[3], error[4], error[5] = scale * vx, scale * vy, scale * vz
+    distance = np.sqrt(error[0] ** 2 + error[1] ** 2 + error[2] ** 2)
+    return distance, angle
+
+
+@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+def _solve_damped(jacobian, weights, damping, error, matrix, solution):  # type: ignore[no-untyped-def]
+    """Solve (J W J^T + damping I) solution = error by Cholesky, in place."""
+    joints = weights.shape[0]
+    for i in range(6):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(joints):
+                total += jacobian[i, k] * weights[k] * jacobian[j, k]
+            matrix[i, j] = total
+        matrix[i, i] += damping
+    for j in range(6):
+        for k in range(j):
+            for i in range(j, 6):
+                matrix[i, j] -= matrix[i, k] * matrix[j, k]
+        root = np.sqrt(max(matrix[j, j], 1e-18))
+        for i in range(j, 6):
+            matrix[i, j] /= root
+    for i in range(6):
+        total = error[i]
+        for k in range(i):
+            total -= matrix[i, k] * solution[k]
+        solution[i] = total / matrix[i, i]
+    for i in range(5, -1, -1):
+        total = solution[i]
+        for k in range(i + 1, 6):
+            total -= matrix[k, i] * solution[k]
+        solution[i] = total / matrix[i, i]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def solve_from(problem, target_rotation, target_position, q):  # type: ignore[no-untyped-def]
+    """Move ``q`` (n,), in place, until its tip is at the target; return success."""
+    chain, weights = problem.chain, problem.weights
+    joints = q.shape[0]
+    rotation, position = np.empty((3, 3)), np.empty(3)
+    axes, origins = np.empty((joints, 3)), np.empty((joints, 3))
+    jacobian, matrix = np.empty((6, joints)), np.empty((6, 6))
+    error, solution = np.empty(6), np.empty(6)
+    mobility, step = np.empty(joints), np.empty(joints)
+    checkpoint = np.inf
+    for iteration in range(problem.max_iterations + 1):
+        tip_and_axes(chain, q, rotation, position, axes, origins)
+        distance, angle = _pose_error(
+            rotation, position, target_rotation, target_position, error
+        )
+        if distance < problem.tolerance[0] and angle < problem.tolerance[1]:
+            return True
+        size = distance + 0.3 * angle
+        if iteration % 8 == 7:
+            if size > 0.5 * checkpoint:
+                return False  # stuck: the next seed is the better use of time
+            checkpoint = size
+        fill_jacobian(chain, position, axes, origins, jacobian)
+        damping = MU * size * size + EPS
+        mobility[:] = weights
+        for _ in range(3):
+            _solve_damped(jacobian, mobility, damping, error, matrix, solution)
+            largest = 0.0
+            for k in range(joints):
+                total = 0.0
+                for i in range(6):
+                    total += jacobian[i, k] * solution[i]
+                step[k] = mobility[k] * total
+                largest = max(largest, abs(step[k]))
+            scale = min(1.0, MAX_STEP / largest) if largest > 0.0 else 1.0
+            blocked = False
+            for k in range(joints):
+                moved = q[k] + scale * step[k]
+                if mobility[k] > 0.0 and (
+                    (q[k] <= problem.lower[k] and moved < q[k])
+                    or (q[k] >= problem.upper[k] and moved > q[k])
+                ):
+                    mobility[k] = 0.0
+                    blocked = True
+            if not blocked:
+                break
+        for k in range(joints):
+            moved = q[k] + scale * step[k]
+            q[k] = min(max(moved, problem.lower[k]), problem.upper[k])
+    return False
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def solve_batch(problem, targets, seeds, first, solutions, used):  # type: ignore[no-untyped-def]
+    """Solve for each target from the first seed that leads there.
+
+    Args:
+        problem: Arm, bounds, tolerances.
+        targets: Poses ``T_base_tip``, shape (N, 4, 4).
+        seeds: Start configurations, best first, shape (K, n).
+        first: Seed to begin with for each target, shape (N,); K skips the target.
+        solutions: Receives the configurations, shape (N, n).
+        used: Receives the number of the seed that led there, K where none did.
+    """
+    for i in range(targets.shape[0]):
+        used[i] = seeds.shape[0]
+        for k in range(first[i], seeds.shape[0]):
+            solutions[i] = seeds[k]
+            if solve_from(
+                problem, targets[i, :3, :3], targets[i, :3, 3], solutions[i]
+            ):
+                used[i] = k
+                break
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def follow_batch(problem, targets, starts, max_change, paths, reached):  # type: ignore[no-untyped-def]
+    """Follow sequences of close poses, each solved from the one before.
+
+    Args:
+        problem: Arm, bounds, tolerances.
+        targets: Poses ``T_base_tip``, shape (N, S, 4, 4).
+        starts: Configurations before the first pose, shape (N, n).
+        max_change: Largest change of a joint between two poses in [rad] or [m].
+        paths: Receives the configurations, shape (N, S, n).
+        reached: Receives how many poses were reached before the path broke, (N,).
+    """
+    for i in range(targets.shape[0]):
+        previous = starts[i]
+        reached[i] = 0
+        for s in range(targets.shape[1]):
+            paths[i, s] = previous
+            if not solve_from(
+                problem, targets[i, s, :3, :3], targets[i, s, :3, 3], paths[i, s]
+            ):
+                break
+            if np.max(np.abs(paths[i, s] - previous)) > max_change:
+                break
+            previous = paths[i, s]
+            reached[i] += 1

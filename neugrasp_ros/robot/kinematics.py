@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inverse kinematics of one arm with its torso, for many grasps at once."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from neugrasp_ros.errors import ShapeError
+from neugrasp_ros.robot.chain import chain_jacobians, chain_poses
+from neugrasp_ros.robot.ik import IkProblem, follow_batch, solve_batch
+from neugrasp_ros.robot.model import RobotModel, gripper_from_tcp, tcp_from_gripper
+from neugrasp_ros.robot.seeds import CELL, load_knowledge
+from neugrasp_ros.robot.settings import IkConfig
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+WIDENING = 1.0  # [rad]; how far past its limits a joint may go to tell why there is none
+SLIDE_WIDENING = 0.2  # [m]
+
+
+class IkSolutions(NamedTuple):
+    """Answers for N grasps.
+
+    Attributes:
+        q: Joint values of the group, shape (N, n); of no meaning where not reached.
+        reached: Within tolerance and inside the limits with margin, shape (N,).
+        seed: Number of the seed that led there, K where none did, shape (N,).
+    """
+
+    q: FloatArray
+    reached: BoolArray
+    seed: IntArray
+
+
+class ArmKinematics:
+    """Inverse kinematics of one planning group.
+
+    Targets are gripper poses ``T_base_gripper`` (z approach, y closing, origin at the
+    TCP). Joint values are those of the group, in its order.
+
+    Attributes:
+        group: Name of the planning group.
+        indices: Where its joints stand in a configuration, shape (n,).
+        lower: Lower bounds with margin in [rad] or [m], shape (n,).
+        upper: Upper bounds with margin, shape (n,).
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        group: str,
+        config: IkConfig | None = None,
+        cache: Path | None = None,
+    ) -> None:
+        """Prepare an arm; the first time on a machine takes some seconds.
+
+        Args:
+            robot: The robot.
+            group: A planning group with a hand.
+            config: Tolerances and margins.
+            cache: Folder of precomputed seeds; default the user's cache.
+
+        Raises:
+            RobotModelError: If there is no such group.
+            ConfigError: If the group has no hand or is not a serial chain.
+        """
+        config = config or IkConfig()
+        self.group = group
+        self.indices = robot.group_indices(group)
+        chain = robot.chain(group)
+        margin = np.minimum(config.joint_margin, (chain.upper - chain.lower) / 4)
+        self.lower, self.upper = chain.lower + margin, chain.upper - margin
+        weights = np.where(chain.prismatic, config.slide_weight, 1.0)
+        tolerance = (config.tol_position, config.tol_rotation)
+        self._problem = IkProblem(
+            chain, self.lower, self.upper, weights, tolerance, config.max_iterations
+        )
+        widening = np.where(chain.prismatic, SLIDE_WIDENING, WIDENING)
+        self._widened = self._problem._replace(
+            lower=chain.lower - widening, upper=chain.upper + widening
+        )
+        self._known = load_knowledge(self._problem, cache)
+        self._seeds = np.ascontiguousarray(self._known.seeds[: config.restarts])
+
+    def forward(self, q: FloatArray) -> FloatArray:
+        """Return gripper poses ``T_base_gripper`` (N, 4, 4) of joint values (N, n)."""
+        return gripper_from_tcp(chain_poses(self._problem.chain, _rows(q)))
+
+    def may_reach(self, T_base_grippers: FloatArray) -> BoolArray:
+        """Return quickly which grasps are not out of the question, shape (N,)."""
+        targets = _targets(T_base_grippers)
+        inside = np.empty(len(targets), dtype=np.bool_)
+        _look_up(
+            targets, self._known.wrist, self._known.origin, self._known.cells, inside
+        )
+        return inside
+
+    def solve(
+        self,
+        T_base_grippers: FloatArray,
+        *,
+        near: FloatArray | None = None,
+        after: IntArray | None = None,
+    ) -> IkSolutions:
+        """Find a configuration for each grasp.
+
+        Args:
+            T_base_grippers: Gripper poses, shape (N, 4, 4).
+            near: Joint values (n,) to try first, such as the current ones.
+            after: Last seed that was used for each grasp, shape (N,), to get another
+                solution than that one's.
+
+        Returns:
+            Solutions inside the limits with margin.
+        """
+        targets = _targets(T_base_grippers)
+        seeds = self._seeds
+        if near is not None:
+            inside = np.clip(near, self.lower, self.upper)
+            seeds = np.concatenate([inside[None], seeds])
+        first = np.zeros(len(targets), dtype=np.int64)
+        if after is not None:
+            first = np.minimum(np.asarray(after, dtype=np.int64) + 1, len(seeds))
+        first[~self.may_reach(T_base_grippers)] = len(seeds)
+        q = np.zeros((len(targets), len(self.lower)))
+        used = np.empty(len(targets), dtype=np.int64)
+        solve_batch(self._problem, targets, seeds, first, q, used)
+        return IkSolutions(q, used < len(seeds), used)
+
+    def reaches_beyond_limits(self, T_base_grippers: FloatArray) -> BoolArray:
+        """Return which grasps a longer joint travel would reach, shape (N,)."""
+        targets = _targets(T_base_grippers)
+        q = np.zeros((len(targets), len(self.lower)))
+        used = np.empty(len(targets), dtype=np.int64)
+        seeds = self._seeds[:2]
+        first = np.zeros(len(targets), dtype=np.int64)
+        solve_batch(self._widened, targets, seeds, first, q, used)
+        return np.asarray(used < len(seeds))
+
+    def follow(
+        self, T_base_grippers: FloatArray, starts: FloatArray, *, max_change: float
+    ) -> tuple[FloatArray, IntArray]:
+        """Follow paths of close poses, each solved from the pose before.
+
+        Args:
+            T_base_grippers: Gripper poses, shape (N, S, 4, 4).
+            starts: Joint values before each path's first pose, shape (N, n).
+            max_change: Largest change of a joint between two poses in [rad] or [m].
+
+        Returns:
+            Joint values (N, S, n), and how many poses of each path were reached (N,).
+        """
+        count, length = T_base_grippers.shape[:2]
+        targets = tcp_from_gripper(T_base_grippers)
+        paths = np.zeros((count, length, len(self.lower)))
+        reached = np.zeros(count, dtype=np.int64)
+        starts = np.ascontiguousarray(starts)
+        follow_batch(self._problem, targets, starts, max_change, paths, reached)
+        return paths, reached
+
+    def manipulability(self, q: FloatArray) -> FloatArray:
+        """Return sqrt(det(J J^T)) of joint values (N, n) over the arm's best, 0..1."""
+        jacobians = chain_jacobians(self._problem.chain, _rows(q))
+        gram = jacobians @ np.swapaxes(jacobians, -1, -2)
+        volume = np.sqrt(np.clip(np.linalg.det(gram), 0.0, None))
+        return np.asarray(np.clip(volume / self._known.best_manipulability, 0.0, 1.0))
+
+
+def _rows(q: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(np.atleast_2d(q), dtype=np.float64)
+
+
+def _targets(T_base_grippers: FloatArray) -> FloatArray:
+    if T_base_grippers.ndim != 3 or T_base_grippers.shape[1:] != (4, 4):
+        raise ShapeError("gripper poses", "(N, 4, 4)", T_base_grippers.shape)
+    return np.ascontiguousarray(tcp_from_gripper(T_base_grippers))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _look_up(targets, wrist, origin, cells, inside):  # type: ignore[no-untyped-def]
+    """Write whether the wrist of each target pose lies in a cell of the reach map."""
+    index = np.empty(3, dtype=np.int64)
+    for i in range(targets.shape[0]):
+        inside[i] = True
+        for k in range(3):
+            value = targets[i, k, 3] - origin[k]
+            for j in range(3):
+                value += targets[i, k, j] * wrist[j]
+            index[k] = int(np.floor(value / CELL))
+            if index[k] < 0 or index[k] >= cells.shape[k]:
+                inside[i] = False
+        if inside[i]:
+            inside[i] = cells[index[0], index[1], index[2]]

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a reachability check asks for, as checked options."""
+
+from dataclasses import dataclass
+
+from neugrasp_ros.config import Checked, option
+
+
+@dataclass(frozen=True, kw_only=True)
+class IkConfig(Checked):
+    """Inverse kinematics of one arm."""
+
+    tol_position: float = option(0.001, "Largest position error [m]", 1e-6, 0.01)
+    tol_rotation: float = option(0.005, "Largest rotation error [rad]", 1e-6, 0.1)
+    max_iterations: int = option(40, "Steps from one seed", 1, 10000)
+    restarts: int = option(8, "Stored seeds tried after the current posture", 1, 64)
+    joint_margin: float = option(
+        0.02, "Distance kept from every joint limit [rad or m]", 0.0, 1.0
+    )
+    slide_weight: float = option(
+        0.3, "Mobility of sliding joints against turning ones; the torso is slow", 1e-3, 1
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReachabilityConfig(Checked):
+    """A grasp as motion: to the pre-grasp, straight ahead, and up."""
+
+    pregrasp_distance: float = option(0.10, "Way back from the grasp [m]", 0.0, 0.5)
+    lift_distance: float = option(0.10, "Way up with the object [m]", 0.0, 0.5)
+    path_spacing: float = option(
+        0.01, "Spacing of the poses solved along approach and lift [m]", 0.002, 0.1
+    )
+    check_spacing: int = option(
+        2, "Of those, every how many are checked for collisions", 1, 10
+    )
+    max_joint_change: float = option(
+        0.35, "Largest change of a joint between two such poses [rad]", 0.01, 2.0
+    )
+    check_self_collision: bool = option(True, "Refuse self-collision")
+    check_scene_collision: bool = option(True, "Refuse collision with the scene")
+    padding: float = option(0.003, "Distance kept by all links [m]", 0.0, 0.05)
+    jaw_padding: float = option(
+        0.001, "Distance kept by fingers and palm from the scene [m]", 0.0, 0.02
+    )
+    held_radius: float = option(
+        0.12, "Scene around the TCP that travels with the hand in a lift [m]", 0.0, 0.5
+    )
+    retries: int = option(
+        2, "Other solutions tried when one fails in collision or on its path", 0, 16
+    )
+    min_manipulability: float = option(0.0, "Smallest manipulability", 0.0, 1.0)
