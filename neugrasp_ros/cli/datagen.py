@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``neugrasp datagen``: make scenes and label grasps in them."""
+
+import argparse
+import time
+
+REPORT_SECONDS = 10.0
+
+
+def add_parser(
+    subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    """Add the command and its options."""
+    parser = subparsers.add_parser("datagen", help="make scenes and label grasps")
+    parser.add_argument("--out", required=True, help="folder of the shards")
+    parser.add_argument(
+        "--objects", default="procedural,random_urdfs", metavar="SET[,SET..]",
+        help="names or folders; pile:FOLDER serves scenes of that kind only",
+    )  # fmt: skip
+    parser.add_argument(
+        "--kind", default="mixed", choices=("pile", "packed", "egad", "mixed")
+    )
+    parser.add_argument("--gripper", default="both", help="name, YAML file, or both")
+    parser.add_argument("--scenes", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--split", default="train", choices=("train", "tune", "val"))
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument(
+        "--engine", nargs="+", default=["local"], metavar=("local|dask", "ADDRESS")
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the factory; return 1 if scenes were skipped."""
+    from neugrasp_ros.datagen.factory import Progress, run_factory
+    from neugrasp_ros.datagen.jobs import RunPlan
+    from neugrasp_ros.errors import ConfigError
+
+    engine, *address = args.engine
+    if engine not in ("local", "dask") or len(address) != (engine == "dask"):
+        raise ConfigError(
+            f"--engine: expected local or dask ADDRESS, got {args.engine}"
+        )
+    plan = RunPlan(
+        objects=tuple(args.objects.split(",")),
+        kind=args.kind,
+        gripper=args.gripper,
+        n_scenes=args.scenes,
+        seed=args.seed,
+        split=args.split,
+    )
+    said = 0.0
+
+    def report(progress: Progress) -> None:
+        nonlocal said
+        if time.monotonic() - said > REPORT_SECONDS:
+            said = time.monotonic()
+            print(progress.line(), flush=True)
+
+    progress = run_factory(
+        plan,
+        args.out,
+        n_workers=args.workers,
+        dask_address=address[0] if address else None,
+        report=report,
+    )
+    print(progress.line())
+    print("reasons:", progress.reasons)
+    for line in progress.skipped:
+        print("skipped", line)
+    return 1 if progress.skipped else 0

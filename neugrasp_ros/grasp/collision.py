@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Does the hand fit: against a point cloud, and against the plane things stand on.
+
+In: grasp poses (TCP frames) with jaw openings, surface points, a plane height.
+Out: masks and clearances. The hand is three boxes (two fingers, palm), and all tests
+take the straight approach into account: a box is swept backwards to the pre-grasp.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from neugrasp_ros.geometry.gripper import Gripper
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+UPRIGHT_SHARE = 0.13  # of the open half gap, where a 2F-85's cranks stand upright
+
+
+@njit(cache=True, nogil=True)
+def _swept_free(
+    poses: FloatArray,
+    openings: FloatArray,
+    points: FloatArray,
+    hand: FloatArray,
+    inflation: float,
+    retreat: float,
+) -> BoolArray:
+    half_thickness, finger_width, depth, palm_x, palm_y, palm_z = hand
+    free = np.ones(len(poses), dtype=np.bool_)
+    for g in range(len(poses)):
+        pose = poses[g]
+        inner = openings[g] / 2 - inflation
+        outer = openings[g] / 2 + finger_width + inflation
+        rear = -depth - retreat
+        for i in range(len(points)):
+            dx = points[i, 0] - pose[0, 3]
+            dy = points[i, 1] - pose[1, 3]
+            dz = points[i, 2] - pose[2, 3]
+            x = abs(dx * pose[0, 0] + dy * pose[1, 0] + dz * pose[2, 0])
+            if x > palm_x + inflation:
+                continue
+            z = dx * pose[0, 2] + dy * pose[1, 2] + dz * pose[2, 2]
+            if z > inflation or z < rear - palm_z:
+                continue
+            y = abs(dx * pose[0, 1] + dy * pose[1, 1] + dz * pose[2, 1])
+            in_palm = y < palm_y + inflation and z < inflation - depth
+            in_finger = inner < y < outer and z > rear
+            if in_palm or (in_finger and x < half_thickness + inflation):
+                free[g] = False
+                break
+    return free
+
+
+def hand_measures(gripper: Gripper) -> FloatArray:
+    """Return the measures that the kernels read, in [m], shape (6,).
+
+    Half finger thickness, finger width, finger depth, half palm x, half palm y, palm z.
+    """
+    palm_x, palm_y, palm_z = gripper.palm_size
+    return np.array(
+        [
+            gripper.finger_thickness / 2,
+            gripper.finger_width,
+            gripper.finger_depth,
+            palm_x / 2,
+            palm_y / 2,
+            palm_z,
+        ]
+    )
+
+
+def approach_is_free(
+    T_task_gripper: FloatArray,
+    openings: FloatArray,
+    points: FloatArray,
+    gripper: Gripper,
+    inflation: float = 0.002,
+    retreat: float = 0.10,
+) -> BoolArray:
+    """Tell for which grasps the hand meets no point between pre-grasp and grasp.
+
+    Args:
+        T_task_gripper: Grasp poses, shape (G, 4, 4).
+        openings: Distance of the inner pad faces on the way in [m], shape (G,).
+        points: Surface points in the task frame in [m], shape (N, 3).
+        gripper: The hand.
+        inflation: Added to every side of its boxes in [m]; covers the gaps between
+            points and a surface that physics makes fatter than it looks.
+        retreat: Distance of the pre-grasp behind the grasp in [m].
+
+    Returns:
+        Mask of shape (G,), True = free.
+    """
+    return np.asarray(
+        _swept_free(
+            np.ascontiguousarray(T_task_gripper, dtype=np.float64),
+            np.ascontiguousarray(openings, dtype=np.float64),
+            np.ascontiguousarray(points, dtype=np.float64),
+            hand_measures(gripper),
+            inflation,
+            retreat,
+        )
+    )
+
+
+def tip_advance(gripper: Gripper, openings: FloatArray) -> FloatArray:
+    """Return how far the pad tips are ahead of the open ones, in [m].
+
+    The pads of a linkage gripper swing on cranks. With h the half gap, h0 the half gap
+    at which the cranks stand upright, H the open half gap and a the whole advance:
+
+        z(h) = sqrt(r^2 - (h - h0)^2) - (r - a),  r = ((H - h0)^2 + a^2) / 2a
+
+    Args:
+        gripper: The hand; one whose jaws slide in parallel (a = 0) gives 0.
+        openings: Distance of the inner pad faces in [m], any shape.
+    """
+    openings = np.asarray(openings, dtype=np.float64)
+    advance = gripper.tip_advance
+    if advance <= 0.0:
+        return np.zeros_like(openings)
+    half_open = gripper.max_opening / 2
+    upright = UPRIGHT_SHARE * half_open
+    crank = ((half_open - upright) ** 2 + advance**2) / (2 * advance)
+    lateral = np.clip(openings / 2, 0.0, half_open) - upright
+    return np.asarray(np.sqrt(crank**2 - lateral**2) - (crank - advance))
+
+
+def support_clearance(
+    T_task_gripper: FloatArray,
+    openings: FloatArray,
+    gripper: Gripper,
+    support_height: float,
+) -> FloatArray:
+    """Return the height of each hand's lowest corner above the support plane.
+
+    Args:
+        T_task_gripper: Grasp poses, shape (G, 4, 4).
+        openings: Jaw openings in [m], shape (G,).
+        gripper: The hand.
+        support_height: Height of the plane in the task frame in [m].
+
+    Returns:
+        Clearances in [m], shape (G,); negative = the hand cuts the plane.
+    """
+    lift = lowest_corner(T_task_gripper[:, 2, :3], openings, gripper)
+    return np.asarray(T_task_gripper[:, 2, 3] + lift - support_height)
+
+
+def lowest_corner(
+    axes_z: FloatArray, openings: FloatArray, gripper: Gripper
+) -> FloatArray:
+    """Return the height of a hand's lowest corner above its TCP.
+
+    A box's lowest corner lies at ``z . c - |z| . h`` for centre c and half extents h,
+    with z the task frame's vertical seen in the gripper frame.
+
+    Args:
+        axes_z: Third rows of the rotations ``R_task_gripper``, shape (G, 3).
+        openings: Jaw openings in [m], shape (G,).
+        gripper: The hand.
+
+    Returns:
+        Heights in [m], shape (G,), at most 0.
+    """
+    reach = np.abs(axes_z)
+    depth = gripper.finger_depth
+    lateral = openings / 2 + gripper.finger_width
+    fingers = (
+        -axes_z[:, 2] * depth / 2
+        - reach[:, 2] * depth / 2
+        - reach[:, 1] * lateral
+        - reach[:, 0] * gripper.finger_thickness / 2
+    )
+    half = np.array(gripper.palm_size) / 2
+    palm = -axes_z[:, 2] * (depth + half[2]) - reach @ half
+    return np.asarray(np.minimum(fingers, palm))
