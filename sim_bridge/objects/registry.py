@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from neugrasp_ros.errors import ObjectFileError, UnknownNameError
-from sim_bridge.objects import procedural
+from sim_bridge.objects import affordance, procedural
 from sim_bridge.objects.meshes import find_meshes, load_bare_mesh, read_options
 from sim_bridge.objects.model import ObjectModel
 from sim_bridge.objects.urdf import find_urdfs, load_urdf
@@ -70,6 +70,10 @@ def object_set(name: str) -> ObjectSet:
     if name == procedural.SET_NAME:
         return ObjectSet(
             name, procedural.procedural_names(), procedural.load_procedural
+        )
+    if name == affordance.SET_NAME:
+        return ObjectSet(
+            name, affordance.affordance_names(), affordance.load_affordance
         )
     if name == "random_urdfs":
         return _folder_set(_random_urdfs_folder())

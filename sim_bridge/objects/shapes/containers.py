@@ -140,7 +140,7 @@ def make_spray_bottle(rng: np.random.Generator) -> Shape:
     body = loft([(0, x, y), (0.65 * height, x, y), disc(height, 0.013)], "", 3.0)
     neck = cylinder(0.012, 0.022, (0, 0, height + 0.008))
     nozzle, z = rng.uniform(0.026, 0.036), height + 0.028
-    head = box(disc(nozzle + 0.02, 0.02), (nozzle / 2 - 0.01, 0, z))
+    head = box((nozzle + 0.02, 0.02, 0.02), (nozzle / 2 - 0.01, 0, z))
     tip = cylinder(0.007, 0.01, (nozzle + 0.004, 0, z + 0.002), "x")
     trigger = rod((nozzle - 0.012, 0, z - 0.008), (nozzle - 0.004, 0, z - 0.036), 0.004)
     return Shape([body, neck, head, tip, trigger], HALF_FILLED)

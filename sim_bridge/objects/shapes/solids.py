@@ -120,7 +120,7 @@ def make_banana(rng: np.random.Generator) -> Shape:
     """Banana, croissant or boomerang: a curved bar, thin at the ends."""
     bend, reach = rng.uniform(0.5, 1.0), rng.uniform(0.06, 0.1)
     thickness, n = rng.uniform(0.011, 0.018), 6
-    path = arc_path(disc(0, 0), (reach, reach), (-bend, bend), n, "xy")
+    path = arc_path((0, 0, 0), (reach, reach), (-bend, bend), n, "xy")
     radii = thickness * (0.55 + 0.45 * np.sin(np.linspace(0.3, np.pi - 0.3, n)))
     parts = [rod(path[k], path[k + 1], radii[k]) for k in range(n)]
     return Shape(parts, FRUIT)
@@ -129,7 +129,7 @@ def make_banana(rng: np.random.Generator) -> Shape:
 def make_tape_roll(rng: np.random.Generator) -> Shape:
     """Roll of tape, bracelet or doughnut: a ring."""
     radius, thickness = rng.uniform(0.028, 0.045), rng.uniform(0.009, 0.018)
-    path = arc_path(disc(0, 0), (radius, radius), (0, 2 * np.pi), 12, "xy")
+    path = arc_path((0, 0, 0), (radius, radius), (0, 2 * np.pi), 12, "xy")
     size = (rng.uniform(0.016, 0.045), thickness)
     is_round = bool(rng.random() < 0.4)
     size = (thickness, thickness) if is_round else size
@@ -140,7 +140,7 @@ def make_dumbbell(rng: np.random.Generator) -> Shape:
     """Dumbbell, spool or bone: two heads on a bar."""
     radius, length = rng.uniform(0.017, 0.03), rng.uniform(0.05, 0.09)
     width = rng.uniform(0.015, 0.035)
-    parts = [cylinder(rng.uniform(0.007, 0.012), length, disc(0, 0), "x")]
+    parts = [cylinder(rng.uniform(0.007, 0.012), length, (0, 0, 0), "x")]
     kind = rng.integers(3)
     for side in (-1, 1):
         at = (side * (length + width) / 2, 0, 0)
@@ -149,7 +149,7 @@ def make_dumbbell(rng: np.random.Generator) -> Shape:
         elif kind == 1:
             parts.append(sphere(radius, at))
         else:
-            parts.append(box(disc(width, 1.7 * radius), at))
+            parts.append(box((width, 1.7 * radius, 1.7 * radius), at))
     return Shape(parts, 1000.0)
 
 

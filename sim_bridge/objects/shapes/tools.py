@@ -64,7 +64,7 @@ def make_wrench(rng: np.random.Generator) -> Shape:
         opening = 0.6 if side > 0 or rng.random() < 0.5 else 0.0
         turn = 0 if side > 0 else np.pi
         arc = arc_path(
-            disc(x, 0),
+            (x, 0, 0),
             (jaw, jaw),
             (turn + opening, turn + 2 * np.pi - opening),
             8,
@@ -164,7 +164,7 @@ def make_pliers(rng: np.random.Generator) -> Shape:
 def make_drill(rng: np.random.Generator) -> Shape:
     """Toy drill or hair dryer: a barrel with a pistol grip, lying on its side."""
     barrel, radius = rng.uniform(0.07, 0.11), rng.uniform(0.017, 0.024)
-    body = cylinder(radius, barrel, disc(0, 0), "x")
+    body = cylinder(radius, barrel, (0, 0, 0), "x")
     nose = moved([loft([disc(0, 0.9 * radius), disc(0.025, 0.009)])],
                  (barrel / 2, 0, 0), LYING)  # fmt: skip
     lean, grip = rng.uniform(-0.02, 0.005), rng.uniform(0.055, 0.08)
@@ -183,10 +183,10 @@ def make_drill(rng: np.random.Generator) -> Shape:
 def make_roller(rng: np.random.Generator) -> Shape:
     """Rolling pin: a thick cylinder with a knob at either end."""
     radius, length = rng.uniform(0.016, 0.026), rng.uniform(0.08, 0.13)
-    parts = [cylinder(radius, length, disc(0, 0), "x")]
+    parts = [cylinder(radius, length, (0, 0, 0), "x")]
     for side in (-1, 1):
         x = side * length / 2
-        parts.append(rod(disc(x, 0), disc(x + side * 0.03, 0), 0.45 * radius))
+        parts.append(rod((x, 0, 0), (x + side * 0.03, 0, 0), 0.45 * radius))
     return Shape(parts, WOOD)
 
 
@@ -207,5 +207,5 @@ def make_whisk(rng: np.random.Generator) -> Shape:
     stretch = rng.uniform(1.0, 1.5)
     head = ellipsoid((stretch * radius, radius, radius))
     x = stretch * radius
-    stick = rod(disc(0.8 * x, 0), disc(x + length, 0), rng.uniform(0.007, 0.011))
+    stick = rod((0.8 * x, 0, 0), (x + length, 0, 0), rng.uniform(0.007, 0.011))
     return Shape([head, stick], WOOD)
