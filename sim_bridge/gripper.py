@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.errors import SimulationError
 from neugrasp_ros.geometry.gripper import Gripper
-from neugrasp_ros.geometry.transform import (
-    pose_from,
-    to_position_quaternion,
-    translation,
-)
+from neugrasp_ros.geometry.transform import translation
+from sim_bridge.bodies import pose_tuple, transform_from
 from sim_bridge.gripper_body import (
     base_center_of_mass,
     tip_advance_at,
@@ -67,7 +64,7 @@ class SimGripper:
         self._center = base_center_of_mass(gripper)
         path = world.scratch_path("gripper.urdf")
         write_gripper_urdf(gripper, path)
-        position, quaternion = to_position_quaternion(PARKED)
+        position, quaternion = pose_tuple(PARKED)
         self.body = world.load_urdf(path, position=position, quaternion=quaternion)
         joints = self._joints_by_name()
         self._left, self._right = joints["left"], joints["right"]
@@ -135,17 +132,10 @@ class SimGripper:
         self._drive_jaws(opening, self.gripper.max_force, None)
 
     def _place(self, T_world_gripper: FloatArray) -> None:
-        position, quaternion = self._base_pose(T_world_gripper)
+        position, quaternion = pose_tuple(T_world_gripper, self._center)
         pybullet.resetBasePositionAndOrientation(
             self.body, position, quaternion, physicsClientId=self.world.client
         )
-
-    def _base_pose(
-        self, T_world_gripper: FloatArray
-    ) -> tuple[list[float], list[float]]:
-        position, quaternion = to_position_quaternion(T_world_gripper)
-        position += T_world_gripper[:3, :3] @ self._center
-        return position.tolist(), quaternion.tolist()
 
     def _reset_jaws(self, opening: float) -> None:
         client = self.world.client
@@ -162,7 +152,7 @@ class SimGripper:
     def command(self, T_world_gripper: FloatArray) -> None:
         """Set the pose that the hand is drawn to."""
         self._commanded = np.array(T_world_gripper)
-        position, quaternion = self._base_pose(T_world_gripper)
+        position, quaternion = pose_tuple(T_world_gripper, self._center)
         pybullet.changeConstraint(
             self._hold,
             jointChildPivot=position,
@@ -181,7 +171,7 @@ class SimGripper:
         position, quaternion = pybullet.getBasePositionAndOrientation(
             self.body, physicsClientId=self.world.client
         )
-        T_world_gripper = pose_from(np.array(position), np.array(quaternion))
+        T_world_gripper = transform_from(position, quaternion)
         T_world_gripper[:3, 3] -= T_world_gripper[:3, :3] @ self._center
         return T_world_gripper
 
@@ -296,3 +286,11 @@ class SimGripper:
         self._reset_jaws(opening)
         self.world.detect_collisions()
         return self.contacts()
+
+    def query_finger_contacts(
+        self, T_world_gripper: FloatArray, opening: float
+    ) -> list[Contact]:
+        """Return what the fingers alone would touch, as ``query_contacts`` does."""
+        fingers = (self._left, self._right)
+        contacts = self.query_contacts(T_world_gripper, opening)
+        return [contact for contact in contacts if contact.link_a in fingers]

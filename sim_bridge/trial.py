@@ -81,8 +81,6 @@ def run_trial(
         raise ConfigError("this trial wants a World(sleeping=True)")
     if world.solver_iterations != config.solver_iterations:
         world.solver_iterations = config.solver_iterations
-    if config.sleeping:
-        world.put_to_sleep()
     if isinstance(config.rules, StrictRules):
         return run_strict_trial(world, gripper, T_world_gripper, opening, config.rules)
     return run_vgn_trial(world, gripper, T_world_gripper, opening, config.rules)

@@ -35,8 +35,8 @@ class VgnRules:
         retreat_distance: Length of the retreat in [m].
         least_opening: Share of the opening that a held object keeps open [-].
         skip_free_motion: Leave out what cannot change the outcome: motion before the
-            first contact, the retreat after closing on nothing; and fail, untried,
-            what touches at the pre-grasp.
+            first contact, the retreat after closing on nothing, and all of it for a
+            grasp that touches at the pre-grasp with nothing between its jaws there.
         shake: Shake what was lifted and tell whether it stayed.
         shake_amplitude: In [m].
         shake_frequency: In [Hz].
@@ -75,7 +75,7 @@ def run_vgn_trial(
     T_world_start = T_world_gripper @ translation(0.0, 0.0, -rules.pregrasp_distance)
     if rules.skip_free_motion:
         first = _first_contact(world, gripper, T_world_gripper, opening, rules)
-        if first == 0:
+        if first == 0 and _closes_on_nothing(world, gripper, T_world_start, opening):
             depth = rules.pregrasp_distance
             return TrialResult(
                 reason=PREGRASP_COLLISION,
@@ -85,6 +85,8 @@ def run_vgn_trial(
             )
         T_world_start = _run_up_pose(T_world_gripper, first, rules)
     gripper.teleport(T_world_start, opening)
+    if world.sleeping:
+        world.put_to_sleep()
     path = straight_path(T_world_start, T_world_gripper[:3, 3], WAYPOINT_SPACING)
     stop = None
     if np.linalg.norm(T_world_start[:3, 3] - T_world_gripper[:3, 3]) > 1e-9:
@@ -136,6 +138,21 @@ def _first_contact(
             )
         world.restore(state)
     return first
+
+
+def _closes_on_nothing(
+    world: World, gripper: SimGripper, T_world_gripper: FloatArray, opening: float
+) -> bool:
+    """Tell whether nothing lies where the fingers pass while they close."""
+    spacing = 1.8 * gripper.gripper.finger_width  # of openings; two fingers move
+    looks = max(int(np.ceil(opening / spacing)), 1)
+    with world.saved_state() as state:
+        free = not any(
+            gripper.query_finger_contacts(T_world_gripper, opening * index / looks)
+            for index in range(looks)
+        )
+        world.restore(state)
+    return free
 
 
 def _waypoint_depths(distance: float) -> FloatArray:

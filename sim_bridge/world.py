@@ -14,12 +14,8 @@ import pybullet
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import SimulationError
-from neugrasp_ros.geometry.transform import (
-    make_transform,
-    pose_from,
-    to_position_quaternion,
-)
-from sim_bridge.bodies import write_object_urdf
+from neugrasp_ros.geometry.transform import make_transform
+from sim_bridge.bodies import pose_tuple, transform_from, write_object_urdf
 from sim_bridge.objects.model import ObjectModel
 
 FloatArray = NDArray[np.float64]
@@ -161,8 +157,8 @@ class World:
         self,
         path: Path,
         *,
-        position: Sequence[float] | FloatArray,
-        quaternion: Sequence[float] | FloatArray,
+        position: Sequence[float],
+        quaternion: Sequence[float],
         flags: int = OBJECT_FLAGS,
         fixed: bool = False,
     ) -> int:
@@ -175,8 +171,8 @@ class World:
             return int(
                 pybullet.loadURDF(
                     str(path),
-                    list(position),
-                    list(quaternion),
+                    position,
+                    quaternion,
                     useFixedBase=fixed,
                     flags=flags,
                     physicsClientId=self.client,
@@ -205,12 +201,13 @@ class World:
             halfExtents=list(half_extents),
             physicsClientId=self.client,
         )
-        position, quaternion = to_position_quaternion(T_world_box)
+        position, quaternion = pose_tuple(T_world_box)
         body = pybullet.createMultiBody(
             0.0,
             shape,
-            basePosition=position.tolist(),
-            baseOrientation=quaternion.tolist(),
+            basePosition=position,
+            baseOrientation=quaternion,
+            flags=pybullet.URDF_ENABLE_SLEEPING * self.sleeping,
             physicsClientId=self.client,
         )
         self.change_dynamics(body, lateralFriction=friction)
@@ -237,7 +234,7 @@ class World:
         """
         dynamics = dynamics or BodyDynamics()
         path = write_object_urdf(model, Path(self._folder.name), "object")
-        position, quaternion = to_position_quaternion(T_world_object)
+        position, quaternion = pose_tuple(T_world_object)
         flags = OBJECT_FLAGS | pybullet.URDF_ENABLE_SLEEPING * self.sleeping
         try:
             body = self.load_urdf(
@@ -280,25 +277,29 @@ class World:
         position, quaternion = pybullet.getBasePositionAndOrientation(
             body, physicsClientId=self.client
         )
-        T_world_object = pose_from(np.array(position), np.array(quaternion))
+        T_world_object = transform_from(position, quaternion)
         center = self._models[body].center_of_mass
         T_world_object[:3, 3] -= T_world_object[:3, :3] @ center
         return T_world_object
 
     def set_pose(self, body: int, T_world_object: FloatArray) -> None:
         """Put an object at a pose, at rest."""
-        position, quaternion = to_position_quaternion(T_world_object)
-        position += T_world_object[:3, :3] @ self._models[body].center_of_mass
+        center = self._models[body].center_of_mass
+        position, quaternion = pose_tuple(T_world_object, center)
         pybullet.resetBasePositionAndOrientation(
-            body, position.tolist(), quaternion.tolist(), physicsClientId=self.client
+            body, position, quaternion, physicsClientId=self.client
         )
         pybullet.resetBaseVelocity(
             body, [0.0] * 3, [0.0] * 3, physicsClientId=self.client
         )
 
     def put_to_sleep(self) -> None:
-        """Let every object sleep until something touches it."""
-        for body in self._models:
+        """Let everything sleep until something touches it, the table included.
+
+        A sleeping object costs nothing only while what it lies on sleeps, too.
+        """
+        statics = [] if self.table is None else [self.table]
+        for body in [*statics, *self._models]:
             self.change_dynamics(body, activationState=pybullet.ACTIVATION_STATE_SLEEP)
 
     def velocity(self, body: int) -> FloatArray:
