@@ -138,6 +138,31 @@ class PlannerConfig(Checked):
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig(Checked):
+    """One training stage: what is trained, on how much, and how fast."""
+
+    stage: str = option(
+        "occupancy", "What is trained", choices=("occupancy", "quality", "joint")
+    )
+    steps: int = option(4000, "Optimiser steps", 1, 10_000_000)
+    scenes_per_step: int = option(8, "Scenes that share one step", 1, 1024)
+    points_per_scene: int = option(1536, "Occupancy points per scene", 16, 65536)
+    grasps_per_scene: int = option(32, "Grasps per scene, sharing its encoding", 1, 512)
+    learning_rate: float = option(1.5e-3, "AdamW step size at its height", 1e-7, 1.0)
+    weight_decay: float = option(1e-4, "AdamW weight decay", 0.0, 1.0)
+    constant_share: float = option(
+        0.6, "Share of the steps before the step size falls linearly", 0.0, 1.0
+    )
+    w_occupancy: float = option(2.0, "Weight of the scene occupancy loss", 0.0, 100.0)
+    w_quality: float = option(1.0, "Weight of the quality loss", 0.0, 100.0)
+    w_local: float = option(1.0, "Weight of the local occupancy loss", 0.0, 100.0)
+    w_affordance: float = option(1.0, "Weight of the affordance loss", 0.0, 100.0)
+    seed: int = option(0, "Seed of every random choice", 0, 2**31 - 1)
+    checkpoint_seconds: float = option(300.0, "Time between checkpoints [s]", 1.0, 600.0)
+    threads: int = option(0, "Torch threads; 0 = all cores", 0, 256)
+
+
 def load_config(config_type: type[Config], path: str | Path) -> Config:
     """Build a configuration from a flat YAML mapping of overrides.
 

@@ -104,7 +104,7 @@ def march(
     if origins.ndim != 2 or origins.shape != directions.shape or origins.shape[1] != 3:
         raise ShapeError("origins and directions", "two (R, 3)", directions.shape)
     out = np.full(len(origins), np.nan)
-    blocks = _occupied_blocks(grid.values)
+    blocks = occupied_blocks(grid.values)
     step = grid.spacing / 2 if step is None else step
 
     def run(part: slice) -> None:
@@ -132,11 +132,16 @@ def run_in_parts(run, count: int, threads: int) -> None:  # type: ignore[no-unty
     list(_pool(threads).map(run, parts))
 
 
+MISS = -1.0  # what kernels say of a ray that meets nothing: fast maths knows no NaN
+
 BLOCK = 4  # [voxel], edge of the blocks that say whether a ray can skip them
 
 
-def _occupied_blocks(values: Float32Array) -> NDArray[np.bool_]:
-    """Tell which blocks of voxels, or their neighbourhood, hold an inside value."""
+def occupied_blocks(values: Float32Array) -> NDArray[np.bool_]:
+    """Tell which blocks of voxels, or their neighbours, hold an inside value.
+
+    From anywhere in a block that does not, a ray may leap ``BLOCK - 1`` voxels.
+    """
     shape = tuple(-(-n // BLOCK) for n in values.shape)
     padded = np.zeros(tuple(n * BLOCK for n in shape), dtype=bool)
     x, y, z = values.shape
@@ -151,7 +156,7 @@ def _occupied_blocks(values: Float32Array) -> NDArray[np.bool_]:
     return np.ascontiguousarray(grown[1:-1, 1:-1, 1:-1])
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
 def sample_one(values, inverse, x, y, z):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Interpolate one point; a kernel's building block."""
     nx, ny, nz = values.shape
@@ -167,13 +172,13 @@ def sample_one(values, inverse, x, y, z):  # type: ignore[no-untyped-def]  # pra
     return (a00 * (1 - fv) + a01 * fv) * (1 - fu) + (a10 * (1 - fv) + a11 * fv) * fu
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _sample_many(values, inverse, points, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     for n in range(len(points)):
         out[n] = sample_one(values, inverse, points[n, 0], points[n, 1], points[n, 2])
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def normal_one(values, inverse, x, y, z, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Write the outward unit normal at one point; a kernel's building block."""
     h = 1.0 / inverse
@@ -190,7 +195,7 @@ def normal_one(values, inverse, x, y, z, out):  # type: ignore[no-untyped-def]  
     out[0], out[1], out[2] = gx / length, gy / length, gz / length
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _normals(values, inverse, points, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     for n in range(len(points)):
         normal_one(
@@ -198,7 +203,7 @@ def _normals(values, inverse, points, out):  # type: ignore[no-untyped-def]  # p
         )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def clip_to_box(ox, oy, oz, dx, dy, dz, low, high):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Return the interval of a ray inside an axis-aligned box (empty: start > end)."""
     start, end = 0.0, 1e9
@@ -214,28 +219,27 @@ def clip_to_box(ox, oy, oz, dx, dy, dz, low, high):  # type: ignore[no-untyped-d
     return start, end
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def march_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
     values, blocks, inverse, ox, oy, oz, dx, dy, dz, start, end, step
 ):  # pragma: no cover
-    """Return the first free-to-inside crossing in [start, end], or NaN."""
+    """Return the first free-to-inside crossing in [start, end], or ``MISS``."""
     t = start
     before = sample_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz)
     if before > 0:
-        return np.nan
+        return MISS
     bx, by, bz = blocks.shape
     skip = inverse / BLOCK
+    leap = (BLOCK - 1) / inverse
     while t < end:
+        i = min(max(int((ox + t * dx) * skip), 0), bx - 1)
+        j = min(max(int((oy + t * dy) * skip), 0), by - 1)
+        k = min(max(int((oz + t * dz) * skip), 0), bz - 1)
+        if not blocks[i, j, k]:
+            t, before = t + leap, -1.0
+            continue
         ahead = min(t + step, end)
         x, y, z = ox + ahead * dx, oy + ahead * dy, oz + ahead * dz
-        i = min(max(int(x * skip), 0), bx - 1)
-        j = min(max(int(y * skip), 0), by - 1)
-        k = min(max(int(z * skip), 0), bz - 1)
-        if not blocks[i, j, k]:
-            t, before = ahead, -1.0
-            if ahead >= end:
-                break
-            continue
         value = sample_one(values, inverse, x, y, z)
         if value > 0:
             low, high, f_low, f_high = t, ahead, before, value
@@ -261,10 +265,10 @@ def march_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
         t, before = ahead, value
         if ahead >= end:
             break
-    return np.nan
+    return MISS
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _march_many(  # type: ignore[no-untyped-def]
     values, blocks, inverse, origins, directions, step, out
 ):  # pragma: no cover
@@ -275,6 +279,8 @@ def _march_many(  # type: ignore[no-untyped-def]
         dx, dy, dz = directions[n]
         start, end = clip_to_box(ox, oy, oz, dx, dy, dz, low, high)
         if start <= end:
-            out[n] = march_one(
+            t = march_one(
                 values, blocks, inverse, ox, oy, oz, dx, dy, dz, start, end, step
             )
+            if t >= 0:
+                out[n] = t

@@ -62,16 +62,9 @@ class VoxelEncoder(nn.Module):
             self.stem: nn.Module = nn.Conv3d(INPUT_CHANNELS, channels, 3, padding=1)
         else:
             stride = config.resolution // config.plane_resolution
-            kernel = 2 * stride if stride > 1 else 3
+            columns = INPUT_CHANNELS * config.resolution
             self.stem = nn.ModuleList(
-                nn.Conv2d(
-                    INPUT_CHANNELS * config.resolution,
-                    channels,
-                    kernel,
-                    stride=stride,
-                    padding=stride // 2 if stride > 1 else 1,
-                )
-                for _ in KEPT_AXES
+                nn.Conv2d(columns, channels, stride, stride=stride) for _ in KEPT_AXES
             )
         self.unet = UNet(channels, config.unet_depth, config.unet_channels)
 

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a detector is told about each grasp, besides the scene's plane features."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp_ros.geometry.grid import ScalarGrid
+from neugrasp_ros.geometry.gripper import Gripper
+from neugrasp_ros.geometry.transform import apply, canonical_gripper
+from neugrasp_ros.grasp.hand_sweep import STATIONS, SWEEP_FEATURES, sweep_hands
+from neugrasp_ros.grasp.local_view import LocalViews, render_local_views
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+LENGTH = 0.05  # [m], lengths are divided by it
+DISTANCE_LIMIT = 0.03  # [m], signed distances to the hand are clipped to it
+LOGIT_SCALE = 8.0
+GRIPPER_FEATURES = 8
+POINT_FEATURES = 11  # position 3, normal 3, distances to the hand 4, observed 1
+TOKEN_FEATURES = 4 + SWEEP_FEATURES + GRIPPER_FEATURES + 2
+MIN_HITS = 16  # below it there is no surface to close on, and the quality is 0
+
+
+class LocalInputs(NamedTuple):
+    """Inputs of G grasps, with their poses made canonical first.
+
+    Attributes:
+        points_task: Local surface points in the task frame in [m], shape (G, P, 3).
+        point_features: Shape (G, P, POINT_FEATURES).
+        tokens: One per grasp, shape (G, TOKEN_FEATURES).
+        hits: Distinct surface points of each grasp, shape (G,).
+    """
+
+    points_task: Float32Array
+    point_features: Float32Array
+    tokens: Float32Array
+    hits: NDArray[np.int32]
+
+
+def hand_distances(
+    points: Float32Array, widths: FloatArray, gripper: Gripper
+) -> Float32Array:
+    """Return signed distances of points to the hand's boxes and the closing region.
+
+    Args:
+        points: In the gripper frame in [m], shape (G, P, 3).
+        widths: Jaw openings in [m], shape (G,).
+        gripper: The gripper.
+
+    Returns:
+        Shape (G, P, 4): left finger, right finger, palm, closing region; positive
+        outside, in [m], clipped to 3 cm.
+    """
+    fixed_centers, halves = gripper.boxes(gripper.max_opening)
+    region = np.array(
+        [gripper.finger_thickness, gripper.max_opening, gripper.finger_depth]
+    )
+    centers = np.tile(
+        np.vstack([fixed_centers, [0.0, 0.0, -gripper.finger_depth / 2]]),
+        (len(points), 1, 1),
+    )
+    halves = np.tile(np.vstack([halves, region / 2]), (len(points), 1, 1))
+    lateral = (np.asarray(widths) + gripper.finger_width) / 2
+    centers[:, 0, 1], centers[:, 1, 1] = lateral, -lateral
+    halves[:, 3, 1] = np.asarray(widths) / 2
+    beyond = np.abs(points[:, :, None] - centers[:, None].astype(np.float32))
+    beyond -= halves[:, None].astype(np.float32)  # (G, P, 4, 3)
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+    inside = np.minimum(beyond.max(axis=-1), 0.0)
+    return np.clip(outside + inside, -DISTANCE_LIMIT, DISTANCE_LIMIT)
+
+
+def gripper_features(gripper: Gripper) -> FloatArray:
+    """Describe a gripper to the network, shape (GRIPPER_FEATURES,)."""
+    lengths = [
+        gripper.max_opening,
+        gripper.finger_depth,
+        gripper.finger_thickness,
+        gripper.finger_width,
+        *gripper.palm_size,
+        gripper.tip_advance,
+    ]
+    return np.array(lengths) / LENGTH
+
+
+def observed_at(
+    distances: NDArray[np.float32], points_task: FloatArray, edge: float
+) -> NDArray[np.bool_]:
+    """Tell which surface points a camera has seen.
+
+    Args:
+        distances: The volume in units of truncation, NaN = never observed, (D, D, D).
+        points_task: Points in the task frame in [m], shape (..., 3).
+        edge: Edge of the volume in [m].
+    """
+    size = distances.shape[0]
+    index = np.clip((points_task / edge * size).astype(int), 0, size - 1)
+    near = distances[index[..., 0], index[..., 1], index[..., 2]]
+    return np.asarray(np.abs(near) < 0.6)
+
+
+def assemble_inputs(
+    field: ScalarGrid,
+    distances: NDArray[np.float32],
+    T_task_grippers: FloatArray,
+    widths: FloatArray,
+    gripper: Gripper,
+    *,
+    n_points: int,
+    image_size: int,
+    fov: float,
+    support_height: float,
+    threads: int = 1,
+) -> tuple[LocalInputs, LocalViews]:
+    """Render the local views of grasps and describe each grasp to the network.
+
+    A grasp and its twin, turned half about the approach, give the same inputs.
+
+    Args:
+        field: Occupancy logits on the volume's grid.
+        distances: The volume's distances, NaN = never observed, shape (D, D, D).
+        T_task_grippers: Grasp poses, shape (G, 4, 4).
+        widths: Jaw openings in [m], shape (G,).
+        gripper: The gripper.
+        n_points: Surface points per grasp.
+        image_size: Rows and columns of a local camera [pixel].
+        fov: Field of view of a local camera in [rad].
+        support_height: Height of the support plane in the task frame in [m].
+        threads: Worker threads.
+
+    Returns:
+        The inputs, and the local views that they were made from.
+    """
+    poses = canonical_gripper(T_task_grippers)
+    views = render_local_views(
+        field,
+        poses,
+        gripper,
+        n_points=n_points,
+        image_size=image_size,
+        fov=fov,
+        threads=threads,
+    )
+    sweeps = sweep_hands(
+        field, poses, widths, gripper, support_height=support_height, threads=threads
+    )
+    points_task = apply(poses, views.points)
+    observed = observed_at(distances, points_task, float(field.size[0]))
+    features = np.concatenate(
+        [
+            views.points / LENGTH,
+            views.normals,
+            hand_distances(views.points, widths, gripper) / DISTANCE_LIMIT,
+            observed[..., None],
+        ],
+        axis=-1,
+    )
+    tokens = _tokens(poses, widths, gripper, sweeps, support_height)
+    seen_share = np.stack([views.hits / n_points, observed.mean(axis=1)], axis=1)
+    inputs = LocalInputs(
+        points_task.astype(np.float32),
+        features.astype(np.float32),
+        np.concatenate([tokens, seen_share], axis=1).astype(np.float32),
+        views.hits,
+    )
+    return inputs, views
+
+
+def _tokens(
+    poses: FloatArray,
+    widths: FloatArray,
+    gripper: Gripper,
+    sweeps: Float32Array,
+    support_height: float,
+) -> FloatArray:
+    """Pose relative to gravity and table, the sweep, and the gripper, (G, ...)."""
+    n_logits = len(STATIONS) + 3
+    gravity = -poses[:, 2, :3]  # in the gripper frame
+    height = (poses[:, 2, 3:] - support_height) / LENGTH
+    hand = gripper_features(gripper)
+    hand[0] = 0.0
+    geometry = np.tile(hand, (len(poses), 1))
+    geometry[:, 0] = np.asarray(widths) / LENGTH
+    return np.concatenate(
+        [
+            gravity,
+            height,
+            sweeps[:, :n_logits] / LOGIT_SCALE,
+            np.clip(sweeps[:, n_logits:] / LENGTH, -1, 3),
+            geometry,
+        ],
+        axis=1,
+    )
+
+
+def mirror_inputs(inputs: LocalInputs) -> LocalInputs:
+    """Mirror grasps at their x-z plane: the other finger's view of the mirrored world.
+
+    For augmentation; ``points_task`` stays, since features are read there.
+    """
+    features, tokens = inputs.point_features.copy(), inputs.tokens.copy()
+    features[..., 1] *= -1
+    features[..., 4] *= -1
+    features[..., [6, 7]] = features[..., [7, 6]]
+    tokens[:, 1] *= -1
+    left = 4 + len(STATIONS)
+    tokens[:, [left, left + 1]] = tokens[:, [left + 1, left]]
+    return inputs._replace(point_features=features, tokens=tokens)

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The surface as the two fingers and the palm of a grasp would see it (paper, local render).
+
+In: an occupancy field and grasps. Out: a fixed number of surface points per grasp, in
+the gripper's own frame.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from neugrasp_ros.errors import ShapeError
+from neugrasp_ros.geometry.grid import (
+    ScalarGrid,
+    clip_to_box,
+    march_one,
+    normal_one,
+    occupied_blocks,
+    run_in_parts,
+)
+from neugrasp_ros.geometry.gripper import Gripper
+
+FloatArray = NDArray[np.float64]
+
+PALM_MARGIN = 0.015  # [m], seen beyond the open pads by the palm camera
+FINGER_MARGIN = 0.005  # [m], seen beyond the finger's ends by a finger camera
+CROP_AHEAD = 0.005  # [m], kept beyond the pad tips
+CROP_THICKNESS = 0.032  # [m], kept to either side along x
+
+
+class LocalViews(NamedTuple):
+    """Local surfaces of G grasps.
+
+    Attributes:
+        points: In the gripper frame in [m], shape (G, P, 3); where fewer than P rays
+            met a surface their points repeat; zero where none did.
+        normals: Outward unit normals in the gripper frame, shape (G, P, 3).
+        hits: How many distinct points there are, shape (G,).
+    """
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    hits: NDArray[np.int32]
+
+
+def local_rays(
+    gripper: Gripper, image_size: int, fov: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the rays of the three cameras in the gripper frame.
+
+    The palm camera stands behind the palm plane and sees the open jaws and 1.5 cm to
+    either side; the finger cameras stand outside the pads and see their full length
+    (method sheet, b9), with true fields of view.
+
+    Args:
+        gripper: The gripper.
+        image_size: Rows and columns of each camera [pixel].
+        fov: Field of view in [rad].
+
+    Returns:
+        Origins and unit directions, shapes (R, 3), R = 3 * image_size^2.
+    """
+    depth, half_opening = gripper.finger_depth, gripper.max_opening / 2
+    slope = np.tan(fov / 2)
+    palm_eye = [0.0, 0.0, -depth - (half_opening + PALM_MARGIN) / slope]
+    aside = half_opening + (depth / 2 + FINGER_MARGIN) / slope
+    eyes = [palm_eye, [0.0, aside, -depth / 2], [0.0, -aside, -depth / 2]]
+    forwards = np.array([[0.0, 0, 1], [0, -1, 0], [0, 1, 0]])
+    rights = np.array([[0.0, 1, 0], [0, 0, 1], [0, 0, 1]])
+    ticks = (np.arange(image_size) + 0.5) / image_size * 2 - 1
+    u, v = (t.ravel()[:, None] * slope for t in np.meshgrid(ticks, ticks))
+    up = np.array([1.0, 0, 0])
+    directions = np.concatenate(
+        [f + u * r + v * up for f, r in zip(forwards, rights, strict=True)]
+    )
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.repeat(np.array(eyes), image_size**2, axis=0), directions
+
+
+def crop_box(gripper: Gripper, fov: float) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper corner of the kept region in the gripper frame."""
+    half = gripper.max_opening / 2
+    behind = gripper.finger_depth + (half + PALM_MARGIN) / np.tan(fov / 2)
+    lateral = half + gripper.finger_width + PALM_MARGIN
+    upper = np.array([CROP_THICKNESS, lateral, CROP_AHEAD])
+    return np.array([-CROP_THICKNESS, -lateral, -behind]), upper
+
+
+@lru_cache(maxsize=16)
+def _shuffled_rays(
+    gripper: Gripper, image_size: int, fov: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the rays in one fixed random order, so that the first ones are a sample."""
+    origins, directions = local_rays(gripper, image_size, fov)
+    order = np.random.default_rng(0).permutation(len(origins))
+    return origins[order], directions[order]
+
+
+def render_local_views(
+    field: ScalarGrid,
+    T_task_grippers: FloatArray,
+    gripper: Gripper,
+    *,
+    n_points: int,
+    image_size: int,
+    fov: float,
+    threads: int = 1,
+) -> LocalViews:
+    """Render the local surface of every grasp.
+
+    Rays are cast in a fixed random order until ``n_points`` have met a surface inside
+    the crop region; rays that never enter it cost nothing.
+
+    Args:
+        field: Occupancy logits, positive inside, in the task frame.
+        T_task_grippers: Grasp poses, shape (G, 4, 4).
+        gripper: The gripper.
+        n_points: Points per grasp, P.
+        image_size: Rows and columns of each camera [pixel].
+        fov: Field of view of the cameras in [rad].
+        threads: Worker threads.
+
+    Raises:
+        ShapeError: If the poses are not (G, 4, 4).
+    """
+    poses = np.ascontiguousarray(T_task_grippers, dtype=np.float64)
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+        raise ShapeError("T_task_grippers", "(G, 4, 4)", poses.shape)
+    origins, directions = _shuffled_rays(gripper, image_size, fov)
+    low, high = crop_box(gripper, fov)
+    blocks = occupied_blocks(field.values)
+    points = np.zeros((len(poses), n_points, 3), dtype=np.float32)
+    normals = np.zeros_like(points)
+    hits = np.zeros(len(poses), dtype=np.int32)
+
+    def run(part: slice) -> None:
+        _render(
+            field.values,
+            blocks,
+            1.0 / field.spacing,
+            poses[part],
+            origins,
+            directions,
+            low,
+            high,
+            points[part],
+            normals[part],
+            hits[part],
+        )
+
+    run_in_parts(run, len(poses), threads)
+    return LocalViews(points, normals, hits)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
+    values, blocks, inverse, poses, origins, directions, low, high, points, normals, hits
+):  # pragma: no cover - compiled
+    n_points = points.shape[1]
+    step = 0.5 / inverse
+    cube_low = np.zeros(3)
+    cube_high = np.array(values.shape) / inverse
+    normal = np.zeros(3)
+    for g in range(len(poses)):
+        T = poses[g]
+        count = 0
+        for r in range(len(origins)):
+            a, b, c = origins[r]
+            p, q, s = directions[r]
+            start, end = clip_to_box(a, b, c, p, q, s, low, high)
+            if start >= end:
+                continue
+            ox = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
+            oy = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+            oz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+            dx = T[0, 0] * p + T[0, 1] * q + T[0, 2] * s
+            dy = T[1, 0] * p + T[1, 1] * q + T[1, 2] * s
+            dz = T[2, 0] * p + T[2, 1] * q + T[2, 2] * s
+            first, last = clip_to_box(ox, oy, oz, dx, dy, dz, cube_low, cube_high)
+            start, end = max(start, first), min(end, last)
+            if start >= end:
+                continue
+            t = march_one(
+                values, blocks, inverse, ox, oy, oz, dx, dy, dz, start, end, step
+            )
+            if t < 0:
+                continue
+            points[g, count, 0] = a + t * p
+            points[g, count, 1] = b + t * q
+            points[g, count, 2] = c + t * s
+            normal_one(
+                values, inverse, ox + t * dx, oy + t * dy, oz + t * dz, normal
+            )
+            for axis in range(3):
+                normals[g, count, axis] = (
+                    T[0, axis] * normal[0]
+                    + T[1, axis] * normal[1]
+                    + T[2, axis] * normal[2]
+                )
+            count += 1
+            if count == n_points:
+                break
+        hits[g] = count
+        for i in range(count, n_points):
+            if count > 0:
+                points[g, i] = points[g, i % count]
+                normals[g, i] = normals[g, i % count]

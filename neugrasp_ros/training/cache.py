@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What training reads of a scene, rendered once and kept in a cache folder."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp_ros.errors import ShardError
+from neugrasp_ros.training.views import (
+    ObjectSets,
+    ViewRange,
+    object_scene,
+    quantise,
+    random_camera,
+    render_volume,
+    sample_occupancy,
+    table_scene,
+)
+from sim_bridge.scene import Scene
+
+POINT_SCALE = 65535.0  # quantisation of coordinates in [0, 1]: 5 um in a 30 cm cube
+
+
+@dataclass(frozen=True, eq=False)
+class SceneEntry:
+    """One scene as training sees it.
+
+    Attributes:
+        volumes: Quantised distances of each view, shape (V, D, D, D).
+        cameras: Camera poses ``T_task_camera`` of the views, shape (V, 4, 4).
+        points: Occupancy points in units of the edge times 65535, shape (N, 3).
+        occupied: Their labels, shape (N,).
+    """
+
+    volumes: NDArray[np.int8]
+    cameras: NDArray[np.float64]
+    points: NDArray[np.uint16]
+    occupied: NDArray[np.bool_]
+
+
+def render_entry(
+    scene: Scene,
+    views: ViewRange,
+    rng: np.random.Generator,
+    *,
+    sets: ObjectSets = None,
+    n_views: int = 3,
+    n_points: int = 8192,
+) -> SceneEntry:
+    """Render a scene for training.
+
+    Args:
+        scene: The recipe.
+        views: From where, and with which noise.
+        rng: Source of randomness.
+        sets: Object sets by name, where they are not built in.
+        n_views: Views of the scene.
+        n_points: Occupancy points, shared by the views.
+    """
+    seen = table_scene(scene, sets)
+    cameras = np.stack([random_camera(views, rng) for _ in range(n_views)])
+    volumes = [quantise(render_volume(seen, camera, views, rng)) for camera in cameras]
+    samples = sample_occupancy(object_scene(scene, sets), n_points, rng)
+    return SceneEntry(
+        np.stack(volumes),
+        cameras,
+        np.round(samples.points * POINT_SCALE).astype(np.uint16),
+        samples.occupied,
+    )
+
+
+def save_entry(entry: SceneEntry, path: Path) -> None:
+    """Write an entry; the file appears only when it is whole."""
+    part = path.with_suffix(".part")
+    with part.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            volumes=entry.volumes,
+            cameras=entry.cameras,
+            points=entry.points,
+            occupied=np.packbits(entry.occupied),
+        )
+    os.replace(part, path)
+
+
+def load_entry(path: Path) -> SceneEntry:
+    """Read an entry.
+
+    Raises:
+        ShardError: If the file is damaged or lacks a part.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            points = file["points"]
+            return SceneEntry(
+                file["volumes"],
+                file["cameras"],
+                points,
+                np.unpackbits(file["occupied"], count=len(points)).astype(bool),
+            )
+    except (KeyError, ValueError, OSError, EOFError, BadZipFile) as error:
+        raise ShardError(f"{path}: not a whole scene entry ({error})") from error
+
+
+def entry_paths(folder: Path) -> Iterator[Path]:
+    """Yield the entries of a cache folder in the order of their names."""
+    yield from sorted(folder.glob("*.npz"))

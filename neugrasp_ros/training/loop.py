@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The optimisation loop that all stages share: schedule, progress, checkpoints.
+
+Started by ``torchrun``, every process takes its share of the scenes and gradients are
+averaged by ``torch.distributed``.
+"""
+
+import json
+import logging
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch import Tensor, nn
+
+from neugrasp_ros.config import TrainConfig
+from neugrasp_ros.errors import CheckpointError
+
+LOGGER = logging.getLogger(__name__)
+REPORT_SECONDS = 15.0
+GRADIENT_NORM = 1.0  # gradients are clipped to this length
+
+LossFunction = Callable[[int], dict[str, Tensor]]
+
+
+def learning_rate_at(step: int, config: TrainConfig) -> float:
+    """Return the step size: short warm-up, constant, then linearly down to 1 %."""
+    warmup = min(1.0, (step + 1) / 50)
+    start = config.constant_share * config.steps
+    fall = max(0.0, (step - start) / max(1.0, config.steps - start))
+    return config.learning_rate * warmup * (1.0 - 0.99 * fall)
+
+
+@dataclass
+class Progress:
+    """Running means of the losses, with a rate and an estimate of what is left."""
+
+    steps: int
+    started: float = field(default_factory=time.monotonic)
+    reported: float = field(default_factory=time.monotonic)
+    done: int = 0
+    sums: dict[str, float] = field(default_factory=dict)
+    count: int = 0
+    history: list[dict[str, float]] = field(default_factory=list)
+
+    def add(self, step: int, losses: dict[str, Tensor]) -> None:
+        """Add one step's losses; log a line every quarter of a minute."""
+        self.done += 1
+        self.count += 1
+        for name, value in losses.items():
+            self.sums[name] = self.sums.get(name, 0.0) + float(value.detach())
+        now = time.monotonic()
+        if now - self.reported < REPORT_SECONDS and step + 1 < self.steps:
+            return
+        means = {name: total / self.count for name, total in self.sums.items()}
+        rate = self.done / (now - self.started)
+        left = (self.steps - step - 1) / rate
+        self.history.append({"step": step + 1, **means})
+        text = ", ".join(f"{name} {value:.4f}" for name, value in means.items())
+        LOGGER.info(
+            "step %d/%d  %s  %.2f steps/s  %.0f min left",
+            step + 1, self.steps, text, rate, left / 60,
+        )  # fmt: skip
+        self.reported, self.count, self.sums = now, 0, {}
+
+
+def optimise(
+    model: nn.Module,
+    loss_of_step: LossFunction,
+    config: TrainConfig,
+    folder: Path,
+) -> list[dict[str, float]]:
+    """Run (or go on with) a stage.
+
+    Args:
+        model: The trained parameters are those that require gradients.
+        loss_of_step: Returns the named losses of a step; they are summed.
+        config: Steps, step size, checkpoint interval.
+        folder: Holds ``state.pt``, from which a killed run goes on, and
+            ``history.json``.
+
+    Returns:
+        Mean losses over time.
+
+    Raises:
+        CheckpointError: If the state in the folder is of another stage or damaged.
+    """
+    trained = [p for p in model.parameters() if p.requires_grad]
+    optimiser = torch.optim.AdamW(
+        trained, lr=config.learning_rate, weight_decay=config.weight_decay
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    progress = Progress(config.steps)
+    start = _restore(folder / "state.pt", model, optimiser, config, progress)
+    saved = time.monotonic()
+    for step in range(start, config.steps):
+        for group in optimiser.param_groups:
+            group["lr"] = learning_rate_at(step, config)
+        losses = loss_of_step(step)
+        optimiser.zero_grad(set_to_none=True)
+        torch.stack(list(losses.values())).sum().backward()
+        _average_gradients(trained)
+        nn.utils.clip_grad_norm_(trained, GRADIENT_NORM)
+        optimiser.step()
+        progress.add(step, losses)
+        if time.monotonic() - saved > config.checkpoint_seconds:
+            _save(folder, model, optimiser, config, step + 1, progress)
+            saved = time.monotonic()
+    _save(folder, model, optimiser, config, config.steps, progress)
+    return progress.history
+
+
+def _average_gradients(parameters: list[nn.Parameter]) -> None:
+    """Average gradients over the processes of a ``torchrun``; nothing for one."""
+    if not (dist.is_available() and dist.is_initialized()):
+        return
+    for parameter in parameters:
+        if parameter.grad is not None:
+            dist.all_reduce(parameter.grad)
+            parameter.grad /= dist.get_world_size()
+
+
+def _is_first_process() -> bool:
+    return not (dist.is_available() and dist.is_initialized()) or dist.get_rank() == 0
+
+
+def _save(
+    folder: Path,
+    model: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    config: TrainConfig,
+    step: int,
+    progress: Progress,
+) -> None:
+    if not _is_first_process():
+        return
+    state = {
+        "stage": config.stage,
+        "step": step,
+        "model": model.state_dict(),
+        "optimiser": optimiser.state_dict(),
+        "history": progress.history,
+    }
+    part = folder / "state.part"
+    torch.save(state, part)
+    os.replace(part, folder / "state.pt")
+    (folder / "history.json").write_text(json.dumps(progress.history))
+
+
+def _restore(
+    path: Path,
+    model: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    config: TrainConfig,
+    progress: Progress,
+) -> int:
+    if not path.exists():
+        return 0
+    try:
+        state: dict[str, Any] = torch.load(path, weights_only=True)
+        if state["stage"] != config.stage:
+            raise CheckpointError(
+                path, f"is of stage {state['stage']!r}, expected {config.stage!r}"
+            )
+        model.load_state_dict(state["model"])
+        optimiser.load_state_dict(state["optimiser"])
+    except (KeyError, RuntimeError, EOFError, OSError, ValueError) as error:
+        if isinstance(error, CheckpointError):
+            raise
+        raise CheckpointError(path, f"cannot be resumed from ({error})") from error
+    progress.history = list(state["history"])
+    LOGGER.info("going on from step %d", state["step"])
+    return int(state["step"])
