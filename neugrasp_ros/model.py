@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole network, and its weights on disk."""
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import nn
+
+from neugrasp_ros.config import NetworkConfig, override
+from neugrasp_ros.errors import CheckpointError, NeuGraspError
+from neugrasp_ros.grasp.pointnet import DETECTORS
+from neugrasp_ros.resources import weights_dir
+from neugrasp_ros.scene.network import SceneNetwork
+
+FORMAT = "neugrasp-1"
+
+
+class GraspNetwork(nn.Module):
+    """Scene network and detector, trained jointly.
+
+    Args:
+        config: The network's shape.
+
+    Raises:
+        UnknownNameError: If an encoder or detector is not in its registry.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.scene = SceneNetwork(config)
+        self.detector = DETECTORS[config.detector](config)
+
+
+def default_weights() -> Path:
+    """Return the path of the weights that ship with the package."""
+    return weights_dir() / "neugrasp_cpu.safetensors"
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, as reports quote it."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def save_network(
+    network: GraspNetwork, path: Path, card: dict[str, Any] | None = None
+) -> None:
+    """Write weights, the configuration they need, and how they were made.
+
+    Args:
+        network: The network.
+        path: A ``.safetensors`` file.
+        card: Facts about data and training, JSON-able.
+    """
+    metadata = {
+        "format": FORMAT,
+        "config": json.dumps(asdict(network.config)),
+        "card": json.dumps(card or {}),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tensors = {k: v.contiguous() for k, v in network.state_dict().items()}
+    save_file(tensors, path, metadata=metadata)
+
+
+def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
+    """Build a network from a weights file, by the configuration stored in it.
+
+    Args:
+        path: A ``.safetensors`` file written by ``save_network``.
+
+    Returns:
+        The network in evaluation mode, and its card.
+
+    Raises:
+        CheckpointError: If the file is missing, damaged, of another format, or does
+            not hold exactly the weights that its configuration needs.
+    """
+    if not path.is_file():
+        raise CheckpointError(
+            path, "no such weights file; `neugrasp train --help` says how to make one"
+        )
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, ValueError) as error:
+        raise CheckpointError(path, f"not a whole safetensors file ({error})") from error
+    if metadata.get("format") != FORMAT:
+        raise CheckpointError(
+            path, f"format {metadata.get('format')!r}, expected {FORMAT!r}"
+        )
+    try:
+        values = json.loads(metadata["config"])
+        network = GraspNetwork(override(NetworkConfig, values, where=str(path)))
+    except (KeyError, json.JSONDecodeError, NeuGraspError) as error:
+        raise CheckpointError(path, f"unusable configuration ({error})") from error
+    _load_exactly(network, tensors, path)
+    return network.eval(), json.loads(metadata.get("card", "{}"))
+
+
+def _load_exactly(
+    network: GraspNetwork, tensors: dict[str, torch.Tensor], path: Path
+) -> None:
+    expected = network.state_dict()
+    missing = sorted(set(expected) - set(tensors))
+    unknown = sorted(set(tensors) - set(expected))
+    if missing or unknown:
+        raise CheckpointError(path, f"missing weights {missing}, unknown {unknown}")
+    for key, tensor in tensors.items():
+        if tensor.shape != expected[key].shape:
+            raise CheckpointError(
+                path,
+                f"{key}: expected shape {tuple(expected[key].shape)}, "
+                f"got {tuple(tensor.shape)}",
+            )
+        if not torch.isfinite(tensor.float()).all():
+            raise CheckpointError(path, f"{key} holds values that are not finite")
+    network.load_state_dict(tensors)

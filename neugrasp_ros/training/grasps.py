@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Labelled grasps as the network itself sees them.
+
+Local surfaces are rendered from the network's own occupancy field, never from the
+truth: a detector trained on true surfaces meets other ones at work (learning sheet, 2).
+"""
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from neugrasp_ros.config import RenderConfig
+from neugrasp_ros.datagen.labels import SceneLabels
+from neugrasp_ros.errors import ShardError
+from neugrasp_ros.geometry.gripper import load_gripper
+from neugrasp_ros.geometry.raycast import MeshScene
+from neugrasp_ros.geometry.transform import pose_from
+from neugrasp_ros.grasp.inputs import MIN_HITS, LocalInputs, assemble_inputs
+from neugrasp_ros.scene.encoder import volume_channels
+from neugrasp_ros.scene.field import evaluate_field
+from neugrasp_ros.scene.network import SceneNetwork
+from neugrasp_ros.training.cache import POINT_SCALE
+from neugrasp_ros.training.views import (
+    EDGE,
+    TABLE_TOP,
+    ObjectSets,
+    ViewRange,
+    object_scene,
+    quantise,
+    random_camera,
+    render_volume,
+    table_scene,
+)
+
+LOCAL_NOISE = 0.003  # [m], spread of the points of the local occupancy loss
+
+
+@dataclass(frozen=True, eq=False)
+class GraspEntry:
+    """One view of one scene, and its grasps.
+
+    Attributes:
+        volume: Quantised distances, shape (D, D, D).
+        points: Local surface points in units of the edge times 65535, (G, P, 3).
+        point_features: Shape (G, P, POINT_FEATURES).
+        tokens: Shape (G, TOKEN_FEATURES).
+        labels: 1 = success, shape (G,).
+        tried: Went through physics, shape (G,).
+        local_points: Points near the local surfaces, scaled like ``points``, (M, 3).
+        local_occupied: Whether they are inside an object, shape (M,).
+    """
+
+    volume: NDArray[np.int8]
+    points: NDArray[np.uint16]
+    point_features: NDArray[np.float16]
+    tokens: NDArray[np.float32]
+    labels: NDArray[np.uint8]
+    tried: NDArray[np.bool_]
+    local_points: NDArray[np.uint16]
+    local_occupied: NDArray[np.bool_]
+
+
+@torch.no_grad()
+def view_grasps(
+    labels: SceneLabels,
+    network: SceneNetwork,
+    rng: np.random.Generator,
+    *,
+    views: ViewRange | None = None,
+    sets: ObjectSets = None,
+    threads: int = 1,
+) -> GraspEntry | None:
+    """Look at a labelled scene once, as the network at work does.
+
+    Args:
+        labels: The scene and its grasps.
+        network: Gives the occupancy field that local surfaces are rendered from.
+        rng: Draws the view, its noise, and the local occupancy points.
+        views: From where, and with which noise.
+        sets: Object sets by name, where they are not built in.
+        threads: Worker threads.
+
+    Returns:
+        None if no grasp meets a surface that the network has completed.
+    """
+    views = views or ViewRange()
+    camera = random_camera(views, rng)
+    distances = render_volume(table_scene(labels.scene, sets), camera, views, rng)
+    channels = torch.from_numpy(volume_channels(distances))[None]
+    planes = network.encode(channels)
+    field, _ = evaluate_field(network, planes, distances, EDGE)
+    render = RenderConfig()
+    grasps = labels.grasps
+    inputs, _ = assemble_inputs(
+        field,
+        distances,
+        pose_from(grasps.positions, grasps.quaternions),
+        grasps.openings,
+        load_gripper(labels.gripper),
+        n_points=network.config.local_points,
+        image_size=render.local_image_size,
+        fov=np.deg2rad(render.local_fov_deg),
+        support_height=TABLE_TOP,
+        threads=threads,
+    )
+    kept = inputs.hits >= MIN_HITS
+    if not kept.any():
+        return None
+    return _entry(labels, distances, inputs, kept, object_scene(labels.scene, sets), rng)
+
+
+def _entry(
+    labels: SceneLabels,
+    distances: NDArray[np.float32],
+    inputs: LocalInputs,
+    kept: NDArray[np.bool_],
+    truth: MeshScene,
+    rng: np.random.Generator,
+) -> GraspEntry:
+    surface = inputs.points_task[kept]
+    local = surface[:, :: max(1, surface.shape[1] // 32)].reshape(-1, 3)
+    local = np.clip(local + rng.normal(0, LOCAL_NOISE, local.shape), 0, EDGE)
+    return GraspEntry(
+        quantise(distances),
+        _scaled(surface),
+        inputs.point_features[kept].astype(np.float16),
+        inputs.tokens[kept],
+        labels.grasps.labels[kept],
+        labels.grasps.tried[kept],
+        _scaled(local),
+        truth.contains(local),
+    )
+
+
+def _scaled(points: NDArray[np.floating]) -> NDArray[np.uint16]:
+    return np.round(np.clip(points / EDGE, 0, 1) * POINT_SCALE).astype(np.uint16)
+
+
+def save_grasps(entry: GraspEntry, path: Path) -> None:
+    """Write an entry; the file appears only when it is whole."""
+    part = path.with_suffix(".part")
+    with part.open("wb") as stream:
+        np.savez(stream, **{f.name: getattr(entry, f.name) for f in fields(entry)})
+    os.replace(part, path)
+
+
+def load_grasps(path: Path) -> GraspEntry:
+    """Read an entry.
+
+    Raises:
+        ShardError: If the file is damaged or lacks a part.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return GraspEntry(**{f.name: file[f.name] for f in fields(GraspEntry)})
+    except (KeyError, ValueError, OSError, EOFError, BadZipFile) as error:
+        raise ShardError(f"{path}: not a whole grasp entry ({error})") from error
+
+
+def cache_grasps(
+    scenes: Iterable[SceneLabels],
+    network: SceneNetwork,
+    folder: Path,
+    *,
+    n_views: int,
+    seed: int,
+    sets: ObjectSets = None,
+) -> int:
+    """Look at labelled scenes from several sides and keep what is seen.
+
+    Views that are in the folder already are not rendered again, so a killed run goes
+    on where it was.
+
+    Args:
+        scenes: Labelled scenes.
+        network: Gives the occupancy fields.
+        folder: Where the entries go.
+        n_views: Views per scene.
+        seed: Seed of views and noise, together with the scene's number.
+        sets: Object sets by name, where they are not built in.
+
+    Returns:
+        How many entries were added.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    added = 0
+    for labels in scenes:
+        for view in range(n_views):
+            path = folder / f"{labels.index:07d}_{view}.npz"
+            if path.exists() or not len(labels.grasps.labels):
+                continue
+            rng = np.random.default_rng([seed, labels.index, view])
+            entry = view_grasps(labels, network, rng, sets=sets)
+            if entry is not None:
+                save_grasps(entry, path)
+                added += 1
+    return added
