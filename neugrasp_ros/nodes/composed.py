@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All processing nodes in one process, with one network between them."""
+
+import threading
+import time
+from collections.abc import Callable
+
+from rclpy.executors import Executor
+from rclpy.logging import get_logger
+from rclpy.node import Node
+
+from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.nodes.grasp_evaluator import GraspEvaluatorNode
+from neugrasp_ros.nodes.grasp_server import GraspServerNode
+from neugrasp_ros.nodes.local_stages import LocalStages
+from neugrasp_ros.nodes.planners import MakePlanner, OnePlanner, load_planner
+from neugrasp_ros.nodes.reach_stage import MakeChecker, load_checker
+from neugrasp_ros.nodes.reachability_filter import ReachabilityFilterNode
+from neugrasp_ros.nodes.runtime import START_ERROR, run
+from neugrasp_ros.nodes.scene_renderer import SceneRendererNode
+from neugrasp_ros.nodes.transforms import Transforms
+from neugrasp_ros.nodes.tsdf_fusion import TsdfFusionNode
+
+NAME = "neugrasp"
+THREADS = 10
+
+
+class Suite:
+    """The processing nodes of one process.
+
+    Fusion and server answer at once; the others join them when weights and robot are
+    loaded, and until then a request is told which node is still loading.
+
+    Args:
+        executor: What the nodes spin in.
+        make_planner: Loads the planner, once for all nodes.
+        make_checker: Loads the robot.
+        node_options: For every node, such as ``namespace``.
+    """
+
+    def __init__(
+        self,
+        executor: Executor,
+        make_planner: MakePlanner = load_planner,
+        make_checker: MakeChecker = load_checker,
+        **node_options: object,
+    ) -> None:
+        self._executor = executor
+        self._make_planner = OnePlanner(make_planner)
+        self._make_checker = make_checker
+        self._options = node_options
+        self.nodes: list[Node] = []
+        fusion = self._add(TsdfFusionNode(**node_options))
+        self._transforms = Transforms(fusion.buffer)
+        self.stages = LocalStages(self._transforms)
+        self.stages.fusion = fusion.fusion
+        self._add(GraspServerNode(self.stages, **node_options))
+
+    def _add(self, node: Node) -> Node:
+        self.nodes.append(node)
+        self._executor.add_node(node)
+        return node
+
+    def load(self) -> None:
+        """Load weights and robot and add the nodes that need them.
+
+        Raises:
+            NeuGraspError: If one of them cannot be used.
+        """
+        options = self._options
+        reach = ReachabilityFilterNode(self._make_checker, self._transforms, **options)
+        self.stages.reach = self._add(reach).stage
+        renderer = SceneRendererNode(self._make_planner, **options)
+        self.stages.renderer = self._add(renderer).stage
+        evaluator = GraspEvaluatorNode(self._make_planner, **options)
+        self.stages.evaluator = self._add(evaluator).stage
+        get_logger(NAME).info("all nodes are ready")
+
+    def close(self) -> None:
+        """End all nodes."""
+        for node in reversed(self.nodes):
+            node.destroy_node()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run all processing nodes until shutdown."""
+    failed: list[NeuGraspError] = []
+
+    def start(executor: Executor) -> Callable[[], None]:
+        suite = Suite(executor)
+
+        def load() -> None:
+            begin = time.monotonic()
+            try:
+                suite.load()
+            except NeuGraspError as error:
+                get_logger(NAME).fatal(f"cannot start: {error}")
+                failed.append(error)
+                executor.context.try_shutdown()
+            get_logger(NAME).info(f"start took {time.monotonic() - begin:.1f} s")
+
+        threading.Thread(target=load, name="load", daemon=True).start()
+        return suite.close
+
+    code = run(NAME, start, args, threads=THREADS)
+    return START_ERROR if failed else code

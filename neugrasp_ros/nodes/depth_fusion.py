@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Depth messages in, scenes out: what ``tsdf_fusion`` knows, without its topics."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CameraInfo, Image
+
+from neugrasp_ros.errors import ConfigError, DepthImageError
+from neugrasp_ros.fusion.tsdf import TsdfVolume, empty_volume, integrate
+from neugrasp_ros.geometry.camera import Intrinsics
+from neugrasp_ros.geometry.transform import invert, make_transform
+from neugrasp_ros.nodes.compat.images import read_depth, read_intrinsics
+from neugrasp_ros.nodes.compat.tf import TransformException
+from neugrasp_ros.nodes.conversions import from_stamp
+from neugrasp_ros.nodes.outcomes import Code, DetectionError
+from neugrasp_ros.nodes.params import LiveConfig
+from neugrasp_ros.nodes.scene_view import SceneView
+from neugrasp_ros.nodes.settings import FusionConfig, WorkspaceConfig
+
+FloatArray = NDArray[np.float64]
+Lookup = Callable[[str, str, int], FloatArray]
+
+RATE_SLACK = 0.7  # an image this share of a period after the last is not too early
+JUMP_BACK = 10**9  # [ns]; stamps that fall by more belong to a new run
+ABSURD_DEPTH = 50.0  # [m]; a median beyond this is millimetres in a float image
+
+
+def workspace_pose(workspace: WorkspaceConfig) -> FloatArray:
+    """Return the pose of the task frame in the workspace's frame, shape (4, 4)."""
+    rotation = Rotation.from_euler("xyz", workspace.rpy).as_matrix()
+    return make_transform(rotation, np.array(workspace.origin))
+
+
+class DepthFusion:
+    """Fuses depth images and says why it cannot.
+
+    Callbacks may come from any thread.
+
+    Args:
+        config: Live configuration.
+        lookup: ``(target, source, stamp in [ns]) -> T_target_source``; raises
+            ``TransformException``.
+        now: Returns the node's time in [ns].
+    """
+
+    def __init__(
+        self, config: LiveConfig[FusionConfig], lookup: Lookup, now: Callable[[], int]
+    ) -> None:
+        self._config = config
+        self._lookup = lookup
+        self._now = now
+        self._changed = threading.Condition(threading.RLock())
+        self._camera: Intrinsics | None = None
+        self._pending: deque[Image] = deque()
+        self._problem: DetectionError | None = None
+        self._newest = 0  # stamp of the newest image that came [ns]
+        self._taken = 0  # and of the newest that was not too early [ns]
+        self._revision = time.time_ns() // 10**6  # differs from an earlier run's
+        self.counts = {"received": 0, "fused": 0, "no_tf": 0, "refused": 0}
+        self._clear()
+
+    def _clear(self) -> None:
+        config = self._config.current
+        self._volume: TsdfVolume = empty_volume(
+            config.resolution, config.workspace.size[0], config.truncation_voxels
+        )
+        self._workspace = config.workspace
+        self._stamp = 0  # of the newest image in the volume [ns]
+        self._seconds = 0.0
+        self._valid_share = 0.0
+        self._revision += 1
+
+    def reset(self) -> None:
+        """Forget the scene; the revision goes on."""
+        with self._changed:
+            self._clear()
+            self._pending.clear()
+            self._changed.notify_all()
+
+    def forget(self) -> None:
+        """Forget the scene and every stamp, after time has jumped back."""
+        with self._changed:
+            self.reset()
+            self._newest = self._taken = 0
+            self._problem = None
+
+    def on_camera_info(self, info: CameraInfo) -> None:
+        """Take the camera's intrinsics."""
+        try:
+            camera = read_intrinsics(info)
+        except ConfigError as error:
+            self._refuse(DetectionError(Code.NO_CAMERA_INFO, str(error)))
+            return
+        with self._changed:
+            self._camera = camera
+            if self._problem and self._problem.code is Code.NO_CAMERA_INFO:
+                self._problem = None
+
+    def on_depth(self, image: Image) -> bool:
+        """Take a depth image; tell whether the volume has changed."""
+        with self._changed:
+            self.counts["received"] += 1
+            stamp, config = from_stamp(image.header.stamp), self._config.current
+            if stamp < self._newest - JUMP_BACK:
+                self.forget()
+            self._newest = max(self._newest, stamp)
+            period = 1e9 / config.max_rate
+            early = 0 < stamp - self._taken < RATE_SLACK * period
+            if not config.integrating or early:
+                return False
+            self._taken = stamp
+            self._pending.append(image)
+            while len(self._pending) > config.tf_queue:
+                self._drop()
+            return self.retry()
+
+    def retry(self) -> bool:
+        """Fuse the images whose transform is there; tell whether one was."""
+        changed = False
+        with self._changed:
+            while self._pending:
+                image = self._pending[0]
+                stamp = from_stamp(image.header.stamp)
+                frame = self._config.current.workspace.frame
+                try:
+                    T_frame_camera = self._lookup(frame, image.header.frame_id, stamp)
+                except TransformException as error:
+                    self._problem = DetectionError(
+                        Code.TF_ERROR, f"{frame} <- {image.header.frame_id}: {error}"
+                    )
+                    age = (self._now() - stamp) / 1e9
+                    if age <= self._config.current.tf_timeout:
+                        break
+                    self._drop()
+                    continue
+                self._pending.popleft()
+                changed |= self._fuse(image, T_frame_camera)
+        return changed
+
+    def _drop(self) -> None:
+        self._pending.popleft()
+        self.counts["no_tf"] += 1
+
+    def _refuse(self, problem: DetectionError) -> bool:
+        with self._changed:
+            self._problem = problem
+            self.counts["refused"] += 1
+        return False
+
+    def _fuse(self, image: Image, T_frame_camera: FloatArray) -> bool:
+        if self._camera is None:
+            return self._refuse(
+                DetectionError(Code.NO_CAMERA_INFO, "no depth/camera_info has come yet")
+            )
+        try:
+            depth = self._clean(read_depth(image))
+        except DepthImageError as error:
+            return self._refuse(DetectionError(Code.NO_DEPTH, f"depth/image: {error}"))
+        size = (self._camera.height, self._camera.width)
+        if depth.shape != size:
+            return self._refuse(
+                DetectionError(
+                    Code.NO_CAMERA_INFO,
+                    f"depth/image is {image.width}x{image.height}, but "
+                    f"depth/camera_info says {size[1]}x{size[0]}",
+                )
+            )
+        self._problem = None
+        return self._integrate(depth, T_frame_camera, from_stamp(image.header.stamp))
+
+    def _clean(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the image with NaN wherever it is not to be used."""
+        config = self._config.current
+        finite = depth[np.isfinite(depth) & (depth > 0)]
+        if len(finite) and np.median(finite) > ABSURD_DEPTH:
+            raise DepthImageError(
+                f"the median depth is {np.median(finite):.0f} m; are these "
+                "millimetres? 32FC1 holds metres, 16UC1 millimetres"
+            )
+        within = (depth >= config.min_depth) & (depth <= config.max_depth)
+        clean = np.where(within, depth, np.float32(np.nan))
+        if config.carve_infinite:
+            clean[np.isposinf(depth)] = config.max_depth
+        if border := config.invalid_border:
+            inner = np.full(depth.shape, np.nan, dtype=np.float32)
+            inside = slice(border, -border)
+            inner[inside, inside] = clean[inside, inside]
+            clean = inner
+        return clean
+
+    def _integrate(
+        self, depth: NDArray[np.float32], T_frame_camera: FloatArray, stamp: int
+    ) -> bool:
+        config, start = self._config.current, time.perf_counter()
+        if config.workspace != self._workspace:
+            self._clear()
+        T_task_camera = invert(workspace_pose(config.workspace)) @ T_frame_camera
+        fuse = config.view_mode == "fuse"
+        before = self._volume
+        if not fuse:
+            before = empty_volume(
+                config.resolution, config.workspace.size[0], config.truncation_voxels
+            )
+        after = integrate(before, depth, self._camera, T_task_camera, decay=fuse)
+        if fuse:
+            weights = np.minimum(after.weights, np.uint8(config.max_weight))
+            after = replace(after, weights=weights)
+        changed = not np.array_equal(
+            after.distances, self._volume.distances, equal_nan=True
+        )
+        self._valid_share = float(np.isfinite(depth).mean())
+        self._seconds = time.perf_counter() - start
+        self._stamp = max(self._stamp, stamp)
+        self.counts["fused"] += 1
+        self._volume = after
+        self._revision += changed
+        self._changed.notify_all()
+        return changed
+
+    @property
+    def revision(self) -> int:
+        """Revision of the volume now."""
+        return self._revision
+
+    def view(self) -> SceneView:
+        """Return the scene now.
+
+        Raises:
+            DetectionError: Saying why there is none: no depth, no camera info, no
+                transform, or depth that is too old.
+        """
+        with self._changed:
+            self._require_fresh()
+            return SceneView(
+                volume=self._volume,
+                T_frame_task=workspace_pose(self._workspace),
+                frame_id=self._workspace.frame,
+                stamp=self._stamp,
+                revision=self._revision,
+                seconds=self._seconds,
+            )
+
+    def _require_fresh(self) -> None:
+        config = self._config.current
+        age = (self._now() - self._stamp) / 1e9
+        limit = config.max_depth_age
+        fresh = self._stamp and not (limit and age > limit)
+        if fresh:
+            return
+        if self._problem is not None:
+            raise self._problem
+        if not self.counts["received"]:
+            raise DetectionError(Code.NO_DEPTH, "no depth/image since the node started")
+        if not self._stamp:
+            raise DetectionError(
+                Code.NO_DEPTH, "no depth/image since the scene was cleared"
+            )
+        raise DetectionError(
+            Code.STALE_DEPTH,
+            f"the newest depth image is {age:.2f} s old, max_depth_age is {limit} s",
+        )
+
+    @property
+    def valid_share(self) -> float:
+        """Share of the newest image's pixels that were measured within range."""
+        return self._valid_share
+
+    def wait(
+        self, is_enough: Callable[[SceneView], bool], deadline: float
+    ) -> SceneView:
+        """Return the scene as soon as it is enough, or as it is at the deadline.
+
+        Args:
+            is_enough: Asked after each image.
+            deadline: Of ``time.monotonic()`` in [s].
+
+        Raises:
+            DetectionError: As ``view``, at the deadline.
+        """
+        with self._changed:
+            while True:
+                left = deadline - time.monotonic()
+                try:
+                    view = self.view()
+                except DetectionError:
+                    if left <= 0:
+                        raise
+                else:
+                    if left <= 0 or is_enough(view):
+                        return view
+                self._changed.wait(min(left, 0.5))

@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One detection from request to report, the same for service and action."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from neugrasp_msgs.msg import DetectionReport
+from neugrasp_msgs.msg import Grasp as GraspMessage
+from numpy.typing import NDArray
+
+from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.nodes.grasp_list import GraspList
+from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
+from neugrasp_ros.nodes.planner_stages import Box, Staged
+from neugrasp_ros.nodes.requests import REACH_FIRST, REACH_LAST, Wanted
+from neugrasp_ros.nodes.scene_view import SceneView
+from neugrasp_ros.nodes.selection import parse_query, ranked, with_query
+from neugrasp_ros.nodes.settings import ServerConfig
+
+FloatArray = NDArray[np.float64]
+
+BATCH = 64  # candidates scored between two looks at the clock
+PROGRESS = {
+    "fusion": 0.05,
+    "rendering": 0.15,
+    "sampling": 0.35,
+    "quality": 0.45,
+    "affordance": 0.85,
+    "reachability": 0.9,
+}
+
+
+class Stages(Protocol):
+    """The stages of the pipeline, in this process or behind services.
+
+    Grasps are in the scene's frame. ``deadline`` is one of ``time.monotonic()``; a
+    stage that needs longer raises ``DetectionError`` TIMEOUT.
+    """
+
+    def missing(self) -> list[str]:
+        """Return what is not ready yet, in words."""
+
+    def labels(self, deadline: float) -> tuple[str, ...]:
+        """Return the affordance classes."""
+
+    def scene(self, wanted: Wanted, newer_than: int, deadline: float) -> SceneView:
+        """Return a scene as fresh as wanted, newer than a time in [ns] (0 = any)."""
+
+    def sample(
+        self, view: SceneView, roi: Box | None, wanted: Wanted, deadline: float
+    ) -> Staged:
+        """Propose candidates."""
+
+    def evaluate(self, grasps: GraspList, view: SceneView, deadline: float) -> Staged:
+        """Score candidates."""
+
+    def check(
+        self, grasps: GraspList, arms: tuple[str, ...], deadline: float
+    ) -> GraspList:
+        """Check grasps against the robot."""
+
+    def transform(self, target: str, source: str, stamp: int) -> FloatArray:
+        """Return ``T_target_source``; raises ``DetectionError`` TF_ERROR."""
+
+
+@dataclass(slots=True)
+class Progress:
+    """How a running detection talks to whoever asked for it.
+
+    Attributes:
+        canceled: Asked between two steps; True ends the detection.
+        report: Told the stage, the share done and the grasps so far.
+    """
+
+    canceled: Callable[[], bool] = lambda: False
+    report: Callable[[str, float, GraspList | None], None] = lambda *_: None
+
+
+@dataclass(slots=True)
+class Outcome:
+    """A report and, perhaps, grasps."""
+
+    report: DetectionReport = field(default_factory=DetectionReport)
+    grasps: GraspList | None = None
+
+
+class Detection:
+    """Runs one request; use it once.
+
+    Args:
+        stages: The pipeline.
+        config: The server's parameters.
+        wanted: The request.
+        progress: Cancel and feedback.
+        newer_than: Time in [ns] that the newest depth image must be newer than.
+    """
+
+    def __init__(
+        self,
+        stages: Stages,
+        config: ServerConfig,
+        wanted: Wanted,
+        progress: Progress,
+        newer_than: int = 0,
+    ) -> None:
+        self._stages = stages
+        self._config = config
+        self._wanted = wanted
+        self._progress = progress
+        self._newer_than = newer_than
+        self._start = time.monotonic()
+        self._deadline = self._start + wanted.timeout
+        self._outcome = Outcome()
+
+    def run(self) -> Outcome:
+        """Return what came of it; never raises an error of ours."""
+        report = self._outcome.report
+        try:
+            self._detect()
+        except NeuGraspError as error:
+            reason = as_detection_error(error)
+            report.code, report.message = int(reason.code), reason.sentence
+        report.seconds_total = float(time.monotonic() - self._start)
+        return self._outcome
+
+    def _detect(self) -> None:
+        stages, wanted, report = self._stages, self._wanted, self._outcome.report
+        missing = stages.missing()
+        if missing:
+            raise DetectionError(Code.NOT_ACTIVE, "not ready: " + "; ".join(missing))
+        query = parse_query(wanted.affordance, stages.labels(self._deadline))
+        self._step("fusion")
+        view = stages.scene(wanted, self._newer_than, self._deadline)
+        report.views = view.volume.view_count
+        report.seconds_fusion = view.seconds
+        self._step("rendering")
+        staged = stages.sample(view, self._roi(view), wanted, self._deadline)
+        self._note(staged.seconds)
+        grasps = staged.grasps
+        report.sampled, report.after_filters = staged.sampled, len(grasps)
+        if not len(grasps):
+            raise DetectionError(
+                Code.NO_CANDIDATES,
+                "the sampler found no collision-free hand pose on the surface seen",
+            )
+        if wanted.reachability == REACH_FIRST:
+            grasps = self._reachable(grasps)
+        scored = with_query(self._score(grasps, view), query)
+        scored = self._above(scored)
+        best = ranked(scored, self._config.rank_by, self._config.nms)
+        self._outcome.grasps = self._answer(best)
+        if wanted.reachability == REACH_LAST:
+            best = self._reachable(best)
+        self._outcome.grasps = self._answer(best)
+        report.message = f"{len(self._outcome.grasps)} grasps"
+
+    def _step(self, stage: str, best: GraspList | None = None) -> None:
+        """Tell where we are; stop where that is wanted.
+
+        Raises:
+            DetectionError: CANCELED or TIMEOUT.
+        """
+        if self._progress.canceled():
+            raise DetectionError(Code.CANCELED, f"canceled before {stage}")
+        if time.monotonic() > self._deadline:
+            raise DetectionError(
+                Code.TIMEOUT, f"{self._wanted.timeout} s are over before {stage}"
+            )
+        self._progress.report(stage, PROGRESS[stage], best)
+
+    def _note(self, seconds: dict[str, float]) -> None:
+        """Add the times of a stage's parts to the report."""
+        report: Any = self._outcome.report
+        for name, value in seconds.items():
+            key = f"seconds_{name}"
+            if hasattr(report, key):
+                setattr(report, key, getattr(report, key) + float(value))
+
+    def _roi(self, view: SceneView) -> Box | None:
+        roi, frame = self._wanted.roi, self._wanted.roi_frame
+        if roi is None:
+            return None
+        T = self._stages.transform(view.frame_id, frame, view.stamp)
+        return Box(T @ roi.T_frame_box, roi.size)
+
+    def _score(self, grasps: GraspList, view: SceneView) -> GraspList:
+        """Score batch by batch, so that cancel and budget are seen in time."""
+        report, budget = self._outcome.report, self._wanted.budget
+        done: list[GraspList] = []
+        for start in range(0, len(grasps), BATCH):
+            self._step("quality")
+            if budget and done and time.monotonic() - self._start > budget:
+                report.budget_spent = True
+                break
+            rows = np.arange(start, min(start + BATCH, len(grasps)))
+            staged = self._stages.evaluate(grasps.take(rows), view, self._deadline)
+            self._note(staged.seconds)
+            done.append(staged.grasps)
+        return joined(done)
+
+    def _above(self, scored: GraspList) -> GraspList:
+        """Keep what is good enough; say which threshold left nothing."""
+        wanted, report = self._wanted, self._outcome.report
+        quality = np.nan_to_num(scored.grasps.quality, nan=-1.0)
+        good = scored.take(quality >= wanted.min_quality)
+        report.after_quality = len(good)
+        if not len(good):
+            raise DetectionError(
+                Code.NONE_ABOVE_QUALITY,
+                f"the best of {len(scored)} candidates has quality "
+                f"{quality.max():.2f}, asked for {wanted.min_quality:.2f}",
+            )
+        self._step("affordance")
+        if scored.info.query:
+            best = float(good.affordance.max())
+            good = good.take(good.affordance >= wanted.min_affordance)
+            if not len(good):
+                raise DetectionError(
+                    Code.NONE_WITH_AFFORDANCE,
+                    f"the best of {report.after_quality} good grasps affords "
+                    f"{scored.info.query!r} with {best:.2f}, asked for "
+                    f"{wanted.min_affordance:.2f}",
+                )
+        report.after_affordance = len(good)
+        return good
+
+    def _reachable(self, grasps: GraspList) -> GraspList:
+        """Keep what the robot reaches; say why where nothing is left."""
+        self._step("reachability", grasps)
+        start = time.perf_counter()
+        checked = self._stages.check(grasps, self._wanted.arms, self._deadline)
+        self._note({"reachability": time.perf_counter() - start})
+        codes = checked.reach.codes if checked.reach else np.zeros(len(checked))
+        kept = checked.take(codes == GraspMessage.REACH_OK)
+        self._outcome.report.after_reachability = len(kept)
+        if not len(kept):
+            self._outcome.grasps = None
+            raise DetectionError(
+                Code.NONE_REACHABLE,
+                f"none of {len(grasps)} grasps can be reached: {reasons(codes)}",
+            )
+        return kept
+
+    def _answer(self, grasps: GraspList) -> GraspList:
+        grasps = grasps.take(np.arange(min(self._wanted.max_grasps, len(grasps))))
+        target, info = self._wanted.frame_id, grasps.info
+        if target == info.frame_id:
+            return grasps
+        T = self._stages.transform(target, info.frame_id, info.stamp)
+        return grasps.moved(T, target)
+
+
+def reasons(codes: NDArray[np.uint8]) -> str:
+    """Return how often each reachability code came, in words."""
+    names = {
+        getattr(GraspMessage, name): name.removeprefix("REACH_").lower()
+        for name in dir(GraspMessage)
+        if name.startswith("REACH_")
+    }
+    values, counts = np.unique(codes, return_counts=True)
+    return ", ".join(
+        f"{count} {names.get(int(value), value)}"
+        for value, count in zip(values, counts, strict=True)
+    )
+
+
+def joined(parts: list[GraspList]) -> GraspList:
+    """Return lists of the same scene as one list."""
+    if len(parts) == 1:
+        return parts[0]
+    sets = [part.grasps for part in parts]
+    grasps = replace(
+        sets[0],
+        poses=np.concatenate([s.poses for s in sets]),
+        widths=np.concatenate([s.widths for s in sets]),
+        quality=np.concatenate([s.quality for s in sets]),
+        affordances=np.concatenate([s.affordances for s in sets]),
+        object_ids=np.concatenate([s.object_ids for s in sets]),
+        ids=tuple(i for s in sets for i in s.ids),
+    )
+    reach = None
+    if parts[0].reach is not None:
+        reaches = [part.reach for part in parts if part.reach is not None]
+        reach = replace(
+            reaches[0],
+            codes=np.concatenate([r.codes for r in reaches]),
+            arms=tuple(a for r in reaches for a in r.arms),
+            manipulability=np.concatenate([r.manipulability for r in reaches]),
+            joints=tuple(j for r in reaches for j in r.joints),
+        )
+    affordance = np.concatenate([part.affordance for part in parts])
+    return replace(parts[0], grasps=grasps, affordance=affordance, reach=reach)

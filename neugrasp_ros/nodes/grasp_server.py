@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node ``grasp_server``: a request for grasps, as a service and as an action."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from neugrasp_msgs.action import DetectGrasps as DetectAction
+from neugrasp_msgs.msg import GraspArray
+from neugrasp_msgs.srv import DetectGrasps, ListAffordances
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener
+from neugrasp_ros.nodes.conversions import to_grasp_array
+from neugrasp_ros.nodes.detection import Detection, Outcome, Progress, Stages
+from neugrasp_ros.nodes.grasp_list import GraspList
+from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
+from neugrasp_ros.nodes.params import declare_config
+from neugrasp_ros.nodes.qos import newest
+from neugrasp_ros.nodes.remote_stages import RemoteStages
+from neugrasp_ros.nodes.requests import SCENES, read_request
+from neugrasp_ros.nodes.runtime import run
+from neugrasp_ros.nodes.selection import describe
+from neugrasp_ros.nodes.settings import ServerConfig
+from neugrasp_ros.nodes.transforms import Transforms
+from neugrasp_ros.nodes.work import log_bug
+
+NAME = "grasp_server"
+LIST_TIME = 5.0  # [s]
+
+
+class GraspServerNode(Node):
+    """Offer ``detect_grasps``; one request runs at a time."""
+
+    def __init__(self, stages: Stages | None = None, **node_options: object) -> None:
+        """Wire service and action; without stages, ask the stage nodes' services."""
+        super().__init__(NAME, **node_options)
+        self._config = declare_config(self, ServerConfig)
+        if stages is None:
+            buffer = Buffer()
+            self._listener = TransformListener(buffer, self)
+            stages = RemoteStages(self, Transforms(buffer))
+        self._stages = stages
+        self._turn = threading.Lock()  # held by the one request that runs
+        self._preempted = threading.Event()
+        self._executed = 0  # when a grasp was last executed [ns]
+        self._answered = self.create_publisher(GraspArray, "grasps/answered", newest())
+        group = ReentrantCallbackGroup()
+        self.create_subscription(
+            GraspArray,
+            "grasps/executed",
+            self._on_executed,
+            newest(),
+            callback_group=group,
+        )
+        self.create_service(
+            ListAffordances, "list_affordances", self._on_list, callback_group=group
+        )
+        self._action = ActionServer(
+            self,
+            DetectAction,
+            "detect_grasps",
+            self._on_goal_execute,
+            goal_callback=self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=group,
+        )
+        self.create_service(
+            DetectGrasps, "detect_grasps", self._on_detect, callback_group=group
+        )
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _on_executed(self, _: GraspArray) -> None:
+        self._executed = self._now()
+
+    def _on_detect(
+        self, request: DetectGrasps.Request, response: DetectGrasps.Response
+    ) -> DetectGrasps.Response:
+        outcome = self.detect(request, Progress())
+        response.report = outcome.report
+        response.success = outcome.report.code == Code.NONE
+        if outcome.grasps is not None:
+            response.grasps = to_grasp_array(outcome.grasps)
+        return response
+
+    def _on_goal(self, _: Any) -> GoalResponse:
+        policy = self._config.current.goal_policy
+        if self._turn.locked() and policy == "reject":
+            self.get_logger().warning("goal rejected: another request is running")
+            return GoalResponse.REJECT
+        if policy == "preempt":
+            self._preempted.set()
+        return GoalResponse.ACCEPT
+
+    def _on_goal_execute(self, goal: Any) -> DetectAction.Result:
+        def report(stage: str, share: float, best: GraspList | None) -> None:
+            feedback = DetectAction.Feedback(stage=stage, progress=share)
+            if best is not None:
+                feedback.grasps_so_far = len(best)
+                feedback.best_so_far = to_grasp_array(best)
+            goal.publish_feedback(feedback)
+
+        progress = Progress(lambda: goal.is_cancel_requested, report)
+        outcome = self.detect(goal.request, progress)
+        result = DetectAction.Result(report=outcome.report)
+        if outcome.grasps is not None:
+            result.grasps = to_grasp_array(outcome.grasps)
+        if goal.is_cancel_requested:
+            goal.canceled()
+        elif outcome.report.code == Code.NONE:
+            goal.succeed()
+        else:
+            goal.abort()
+        return result
+
+    def detect(self, request: Any, progress: Progress) -> Outcome:
+        """Run one request when it is its turn; whatever happens, there is a report."""
+        asked, start = self._now(), time.monotonic()
+        outcome = Outcome()
+        try:
+            config = self._config.current
+            wanted = read_request(request, config)
+            if not self._turn.acquire(timeout=wanted.timeout):
+                raise DetectionError(
+                    Code.TIMEOUT, f"another request ran for {wanted.timeout} s"
+                )
+            try:
+                self._preempted.clear()
+                fresh = wanted.scene != SCENES["current"]
+                newer_than = asked if fresh else self._executed
+                stop = progress.canceled
+                progress.canceled = lambda: stop() or self._preempted.is_set()
+                detection = Detection(
+                    self._stages, config, wanted, progress, newer_than
+                )
+                outcome = detection.run()
+                self._publish(outcome)
+            finally:
+                self._turn.release()
+        except NeuGraspError as error:
+            reason = as_detection_error(error)
+            outcome.report.code = int(reason.code)
+            outcome.report.message = reason.sentence
+        except Exception as error:  # noqa: BLE001 (a bug must not end the node)
+            log_bug(self)
+            outcome.report.code = int(Code.INTERNAL)
+            outcome.report.message = f"{NAME}: {error!r}; see its log"
+        outcome.report.seconds_total = time.monotonic() - start
+        self._log(outcome)
+        return outcome
+
+    def _publish(self, outcome: Outcome) -> None:
+        if outcome.grasps is not None and outcome.report.code == Code.NONE:
+            self._answered.publish(to_grasp_array(outcome.grasps))
+
+    def _log(self, outcome: Outcome) -> None:
+        report = outcome.report
+        line = (
+            f"{Code(report.code).name}: {report.message} "
+            f"({report.sampled} sampled, {report.seconds_total:.2f} s)"
+        )
+        good = report.code == Code.NONE
+        (self.get_logger().info if good else self.get_logger().warning)(line)
+
+    def _on_list(
+        self, _: ListAffordances.Request, response: ListAffordances.Response
+    ) -> ListAffordances.Response:
+        if self._stages.missing():
+            return response
+        try:
+            response.labels = list(self._stages.labels(time.monotonic() + LIST_TIME))
+        except NeuGraspError as error:
+            self.get_logger().warning(str(error))
+        response.descriptions = [describe(label) for label in response.labels]
+        return response
+
+    def destroy_node(self) -> None:
+        """End the action server, then the node."""
+        self._action.destroy()
+        super().destroy_node()
+
+
+def start(executor: Executor) -> Callable[[], None]:
+    """Add the node to an executor; return what ends it."""
+    node = GraspServerNode()
+    executor.add_node(node)
+    return node.destroy_node
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until shutdown."""
+    return run(NAME, start, args, threads=6)

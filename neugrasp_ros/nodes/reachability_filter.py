@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node ``reachability_filter``: which scored grasps the robot reaches, and with what."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from geometry_msgs.msg import PoseArray, PoseStamped
+from neugrasp_msgs.msg import GraspArray
+from neugrasp_msgs.srv import CheckReachability
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.executors import Executor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from neugrasp_ros.geometry.gripper import load_gripper
+from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener
+from neugrasp_ros.nodes.conversions import (
+    from_grasp_array,
+    to_best_pose,
+    to_grasp_array,
+    to_pose_array,
+)
+from neugrasp_ros.nodes.grasp_list import GraspList
+from neugrasp_ros.nodes.markers import to_markers
+from neugrasp_ros.nodes.params import declare_config
+from neugrasp_ros.nodes.qos import latched, newest, overrides, sensor_input
+from neugrasp_ros.nodes.reach_stage import MakeChecker, ReachStage, load_checker
+from neugrasp_ros.nodes.runtime import run
+from neugrasp_ros.nodes.settings import ReachConfig
+from neugrasp_ros.nodes.transforms import Transforms
+from neugrasp_ros.nodes.work import LatestWorker, answer
+
+NAME = "reachability_filter"
+
+
+class ReachabilityFilterNode(Node):
+    """Check grasps against the robot, and publish every final list of grasps."""
+
+    def __init__(
+        self,
+        make_checker: MakeChecker = load_checker,
+        transforms: Transforms | None = None,
+        **node_options: object,
+    ) -> None:
+        """Load the robot, then wire topics and services."""
+        super().__init__(NAME, **node_options)
+        self._config = declare_config(self, ReachConfig)
+        config = self._config.current
+        self._gripper = load_gripper(config.gripper)
+        self._joints: dict[str, float] = {}
+        if transforms is None:
+            buffer = Buffer()
+            self._listener = TransformListener(buffer, self)
+            transforms = Transforms(buffer)
+        self.stage = ReachStage(
+            make_checker(config), self._config, transforms, lambda: self._joints
+        )
+        self._worker = LatestWorker(self, self._stream)
+        self._create_outputs()
+        inputs = MutuallyExclusiveCallbackGroup()
+        for kind, topic, callback, qos in (
+            (GraspArray, "grasps/scored", self._on_scored, newest()),
+            (GraspArray, "grasps/answered", self.publish, newest()),
+            (JointState, "joint_states", self._on_joints, sensor_input(1)),
+        ):
+            self.create_subscription(
+                kind,
+                topic,
+                callback,
+                qos,
+                callback_group=inputs,
+                qos_overriding_options=overrides(),
+            )
+        self.create_service(
+            CheckReachability,
+            "~/check",
+            self._on_check,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def _create_outputs(self) -> None:
+        def output(kind: type, topic: str) -> object:
+            return self.create_publisher(
+                kind, topic, latched(), qos_overriding_options=overrides()
+            )
+
+        self._grasps = output(GraspArray, "grasps")
+        self._poses = output(PoseArray, "grasps/poses")
+        self._best = output(PoseStamped, "grasps/best")
+        self._markers = output(MarkerArray, "grasps/markers")
+
+    def _on_joints(self, state: JointState) -> None:
+        known = dict(zip(state.name, state.position, strict=False))
+        self._joints = {**self._joints, **known}
+
+    def _on_scored(self, message: GraspArray) -> None:
+        if self._config.current.streaming:
+            self._worker.put(message)
+
+    def _stream(self, message: GraspArray) -> None:
+        config, grasps = self._config.current, from_grasp_array(message)
+        grasps = grasps.take(np.arange(min(len(grasps), config.max_grasps)))
+        checked = self.stage.check(grasps, ())
+        reached = checked.take(self.stage.reached(checked))
+        if config.keep_unreachable:
+            order = np.argsort(~self.stage.reached(checked), kind="stable")
+            reached = checked.take(order)
+        self.publish(to_grasp_array(reached))
+
+    def publish(self, message: GraspArray) -> None:
+        """Publish final grasps on all four topics."""
+        grasps: GraspList = from_grasp_array(message)
+        self._grasps.publish(message)
+        self._poses.publish(to_pose_array(message))
+        if len(grasps):
+            self._best.publish(to_best_pose(message))
+        self._markers.publish(to_markers(grasps, self._gripper))
+
+    def _on_check(
+        self, request: CheckReachability.Request, response: CheckReachability.Response
+    ) -> object:
+        def work() -> None:
+            grasps = from_grasp_array(request.grasps)
+            start = dict(
+                zip(request.start_state.name, request.start_state.position, strict=True)
+            )
+            checked = self.stage.check(grasps, tuple(request.arms), start)
+            response.grasps = to_grasp_array(replace(checked))
+
+        return answer(self, response, work)
+
+    def destroy_node(self) -> None:
+        """End the worker, then the node."""
+        self._worker.close()
+        super().destroy_node()
+
+
+def start(executor: Executor) -> Callable[[], None]:
+    """Add the node to an executor; return what ends it."""
+    node = ReachabilityFilterNode()
+    executor.add_node(node)
+    return node.destroy_node
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until shutdown."""
+    return run(NAME, start, args)

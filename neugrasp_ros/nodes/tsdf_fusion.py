@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node ``tsdf_fusion``: depth images with their transforms into a TSDF."""
+
+import time
+
+import numpy as np
+from neugrasp_msgs.msg import TsdfVolume
+from neugrasp_msgs.srv import GetTsdf
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker
+
+from neugrasp_ros.fusion.tsdf import seen_surface
+from neugrasp_ros.geometry.transform import apply
+from neugrasp_ros.nodes.compat.clouds import write_cloud
+from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener, from_transform
+from neugrasp_ros.nodes.conversions import from_stamp, to_stamp, to_tsdf
+from neugrasp_ros.nodes.depth_fusion import DepthFusion
+from neugrasp_ros.nodes.markers import workspace_marker
+from neugrasp_ros.nodes.outcomes import DetectionError
+from neugrasp_ros.nodes.params import declare_config
+from neugrasp_ros.nodes.qos import latched, overrides, sensor_input
+from neugrasp_ros.nodes.runtime import run
+from neugrasp_ros.nodes.scene_view import SceneView
+from neugrasp_ros.nodes.settings import FusionConfig
+from neugrasp_ros.nodes.work import answer
+
+NAME = "tsdf_fusion"
+LOOK_PERIOD = 0.05  # [s] between two looks for late transforms and due volumes
+
+
+class TsdfFusionNode(Node):
+    """Fuse depth images; parameters are those of ``FusionConfig``."""
+
+    def __init__(self, **node_options: object) -> None:
+        """Wire topics and services."""
+        super().__init__(NAME, **node_options)
+        self._config = declare_config(self, FusionConfig)
+        self.buffer = Buffer()
+        self._listener = TransformListener(self.buffer, self)
+        self.fusion = DepthFusion(self._config, self._lookup, self._now)
+        self._published = (0, 0.0)  # revision, time.monotonic() of the last volume
+        self._jumps = self.get_clock().create_jump_callback(
+            JumpThreshold(
+                min_forward=None,
+                min_backward=Duration(nanoseconds=-1),
+                on_clock_change=False,
+            ),
+            post_callback=self._on_jump,
+        )
+        self._create_topics()
+        services = ReentrantCallbackGroup()
+        for kind, name, callback in (
+            (Trigger, "~/reset", self._on_reset),
+            (SetBool, "~/set_integrating", self._on_set_integrating),
+            (GetTsdf, "~/get_tsdf", self._on_get_tsdf),
+        ):
+            self.create_service(kind, name, callback, callback_group=services)
+
+    def _create_topics(self) -> None:
+        self._tsdf = self.create_publisher(
+            TsdfVolume, "tsdf", latched(), qos_overriding_options=overrides()
+        )
+        self._cloud = self.create_publisher(
+            PointCloud2, "scene_cloud", latched(), qos_overriding_options=overrides()
+        )
+        self._workspace = self.create_publisher(Marker, "workspace", latched())
+        images = MutuallyExclusiveCallbackGroup()
+        for kind, topic, callback, depth in (
+            (Image, "depth/image", self._on_depth, 5),
+            (CameraInfo, "depth/camera_info", self._on_camera_info, 1),
+        ):
+            self.create_subscription(
+                kind,
+                topic,
+                callback,
+                sensor_input(depth),
+                callback_group=images,
+                qos_overriding_options=overrides(),
+            )
+        self.create_timer(
+            LOOK_PERIOD,
+            self._on_look,
+            callback_group=images,
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _lookup(self, target: str, source: str, stamp: int) -> np.ndarray:
+        time_there = Time(nanoseconds=stamp)
+        return from_transform(self.buffer.lookup_transform(target, source, time_there))
+
+    def _on_camera_info(self, info: CameraInfo) -> None:
+        self.fusion.on_camera_info(info)
+
+    def _on_depth(self, image: Image) -> None:
+        self.fusion.on_depth(image)
+        self._publish_if_due()
+
+    def _on_look(self) -> None:
+        self.fusion.retry()
+        self._publish_if_due()
+
+    def _on_jump(self, jump: object) -> None:
+        self.get_logger().warning("time has jumped back: scene and transforms cleared")
+        self.buffer.clear()
+        self.fusion.forget()
+
+    def _publish_if_due(self) -> None:
+        revision, last = self._published
+        rate = self._config.current.publish_rate
+        due = rate > 0 and time.monotonic() - last >= 1.0 / rate
+        if not due or self.fusion.revision == revision:
+            return
+        try:
+            self.publish(self.fusion.view())
+        except DetectionError:
+            return  # nothing to show yet; whoever asks is told why
+
+    def publish(self, view: SceneView) -> None:
+        """Publish a scene, unless its revision was the last one published."""
+        if view.revision == self._published[0]:
+            return
+        self._published = (view.revision, time.monotonic())
+        self._tsdf.publish(to_tsdf(view))
+        stamp = to_stamp(view.stamp)
+        points, normals = seen_surface(view.volume)
+        points = apply(view.T_frame_task, points)
+        normals = normals @ view.T_frame_task[:3, :3].T
+        self._cloud.publish(
+            write_cloud(np.hstack([points, normals]), view.frame_id, stamp)
+        )
+        self._workspace.publish(
+            workspace_marker(view.T_frame_task, view.volume.size, view.frame_id, stamp)
+        )
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> object:
+        return answer(self, response, self.fusion.reset)
+
+    def _on_set_integrating(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> object:
+        self.set_parameters([Parameter("integrating", value=request.data)])
+        response.success = True
+        return response
+
+    def _on_get_tsdf(
+        self, request: GetTsdf.Request, response: GetTsdf.Response
+    ) -> object:
+        def work() -> None:
+            deadline = time.monotonic() + from_stamp(request.timeout) / 1e9
+            view = self.fusion.wait(
+                lambda v: v.revision >= request.min_revision, deadline
+            )
+            self.publish(view)
+            response.volume = to_tsdf(view)
+
+        return answer(self, response, work)
+
+
+def start(executor: Executor) -> object:
+    """Add the node to an executor; return what ends it."""
+    node = TsdfFusionNode()
+    executor.add_node(node)
+    return node.destroy_node
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until shutdown."""
+    return run(NAME, start, args)
