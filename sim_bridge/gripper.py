@@ -71,7 +71,7 @@ class SimGripper:
         self._carriage = joints.get("advance")
         for finger in (self._left, self._right):
             values = PAD_CONTACT | {"lateralFriction": pad_friction}
-            world.change_dynamics(self.body, finger, **values)
+            world.change_dynamics(self.body, link=finger, **values)
         self._constrain()
         self.park()
 

@@ -223,4 +223,4 @@ def _horizontal_axis(T_world_gripper: FloatArray) -> FloatArray:
         length = float(np.linalg.norm(axis))
         if length > 0.1:
             return np.asarray(axis / length)
-    return np.eye(3)[0]
+    return np.array([1.0, 0.0, 0.0])

@@ -13,7 +13,12 @@ from neugrasp_ros.geometry.transform import translation
 from sim_bridge.gripper import SimGripper
 from sim_bridge.strict_trial import StrictRules, run_strict_trial
 from sim_bridge.trial_result import TrialResult
-from sim_bridge.vgn_trial import VgnRules, run_vgn_trial, swept_contacts
+from sim_bridge.vgn_trial import (
+    PREGRASP_DISTANCE,
+    VgnRules,
+    run_vgn_trial,
+    swept_contacts,
+)
 from sim_bridge.world import BENCHMARK_ITERATIONS, FAST_ITERATIONS, World
 
 FloatArray = NDArray[np.float64]
@@ -129,7 +134,7 @@ def collision_label(
     gripper: SimGripper,
     T_world_gripper: FloatArray,
     opening: float,
-    pregrasp_distance: float = VgnRules.pregrasp_distance,
+    pregrasp_distance: float = PREGRASP_DISTANCE,
 ) -> CollisionLabel:
     """Tell whether the open gripper is free at and before a grasp.
 

@@ -19,6 +19,7 @@ from sim_bridge.world import TIME_STEP, World
 
 FloatArray = NDArray[np.float64]
 
+PREGRASP_DISTANCE = 0.05  # [m]
 WAYPOINT_SPACING = 0.002  # [m]
 STEPS_PER_WAYPOINT = 4  # nominally 0.10 m/s
 SIDE_ANGLE = np.pi / 3  # an approach flatter than this retreats straight up
@@ -43,7 +44,7 @@ class VgnRules:
         shake_duration: Along each horizontal axis, in [s].
     """
 
-    pregrasp_distance: float = 0.05
+    pregrasp_distance: float = PREGRASP_DISTANCE
     retreat_distance: float = 0.10
     least_opening: float = 0.1
     skip_free_motion: bool = False
@@ -194,7 +195,8 @@ def _retreat_and_judge(
             stop_depth=stop_depth,
             touched=touched,
         )
-    closed_on_nothing = is_lost()
+    fingers = gripper.finger_contacts()
+    closed_on_nothing = is_lost() or not fingers.left or not fingers.right
     path = list(_retreat_path(gripper, T_world_gripper, rules))
     for start in range(0, len(path), LOOKS_APART):
         gripper.follow(path[start : start + LOOKS_APART], STEPS_PER_WAYPOINT)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pybullet
@@ -245,7 +245,7 @@ class World:
                 f"the physics engine refused object {model.set_name}/{model.name}"
             ) from error
         friction = model.friction if dynamics.friction is None else dynamics.friction
-        values = {
+        values: dict[str, Any] = {
             "lateralFriction": friction,
             "spinningFriction": dynamics.spinning,
             "rollingFriction": dynamics.rolling,
@@ -256,7 +256,7 @@ class World:
         self._models[body] = model
         return body
 
-    def change_dynamics(self, body: int, link: int = -1, **values: float) -> None:
+    def change_dynamics(self, body: int, *, link: int = -1, **values: Any) -> None:
         """Set the engine's contact values of one link by their engine names."""
         pybullet.changeDynamics(body, link, physicsClientId=self.client, **values)
 
