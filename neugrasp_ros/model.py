@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import nn
+from torch import Tensor, nn
 
 from neugrasp_ros.config import NetworkConfig, override
 from neugrasp_ros.errors import CheckpointError, NeuGraspError
@@ -36,6 +36,12 @@ class GraspNetwork(nn.Module):
         self.config = config
         self.scene = SceneNetwork(config)
         self.detector = DETECTORS[config.detector](config)
+        self.register_buffer("calibration", torch.tensor([1.0, 0.0]))
+
+    def probability(self, quality_logits: Tensor) -> Tensor:
+        """Turn quality logits into calibrated probabilities (Platt scaling)."""
+        scale, bias = self.calibration
+        return torch.sigmoid(scale * quality_logits + bias)
 
 
 def default_weights() -> Path:

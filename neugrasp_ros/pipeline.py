@@ -272,7 +272,8 @@ class GraspPlanner:
                 torch.from_numpy(inputs.tokens[part]).to(device),
                 features.unflatten(0, points.shape[:2]),
             )
-            qualities.append(quality.sigmoid().cpu().double().numpy())
+            probability = self._network.probability(quality)
+            qualities.append(probability.cpu().double().numpy())
             affordances.append(affordance.sigmoid().cpu().double().numpy())
         return np.concatenate(qualities), np.concatenate(affordances)
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.errors import ShardError
 from neugrasp_ros.training.views import (
-    ObjectSets,
     ViewRange,
     object_scene,
     quantise,
@@ -48,7 +47,6 @@ def render_entry(
     views: ViewRange,
     rng: np.random.Generator,
     *,
-    sets: ObjectSets = None,
     n_views: int = 3,
     n_points: int = 8192,
 ) -> SceneEntry:
@@ -58,14 +56,13 @@ def render_entry(
         scene: The recipe.
         views: From where, and with which noise.
         rng: Source of randomness.
-        sets: Object sets by name, where they are not built in.
         n_views: Views of the scene.
         n_points: Occupancy points, shared by the views.
     """
-    seen = table_scene(scene, sets)
+    seen = table_scene(scene)
     cameras = np.stack([random_camera(views, rng) for _ in range(n_views)])
     volumes = [quantise(render_volume(seen, camera, views, rng)) for camera in cameras]
-    samples = sample_occupancy(object_scene(scene, sets), n_points, rng)
+    samples = sample_occupancy(object_scene(scene), n_points, rng)
     return SceneEntry(
         np.stack(volumes),
         cameras,

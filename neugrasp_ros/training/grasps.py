@@ -29,7 +29,6 @@ from neugrasp_ros.training.cache import POINT_SCALE
 from neugrasp_ros.training.views import (
     EDGE,
     TABLE_TOP,
-    ObjectSets,
     ViewRange,
     object_scene,
     quantise,
@@ -73,7 +72,6 @@ def view_grasps(
     rng: np.random.Generator,
     *,
     views: ViewRange | None = None,
-    sets: ObjectSets = None,
     threads: int = 1,
 ) -> GraspEntry | None:
     """Look at a labelled scene once, as the network at work does.
@@ -83,7 +81,6 @@ def view_grasps(
         network: Gives the occupancy field that local surfaces are rendered from.
         rng: Draws the view, its noise, and the local occupancy points.
         views: From where, and with which noise.
-        sets: Object sets by name, where they are not built in.
         threads: Worker threads.
 
     Returns:
@@ -91,7 +88,7 @@ def view_grasps(
     """
     views = views or ViewRange()
     camera = random_camera(views, rng)
-    distances = render_volume(table_scene(labels.scene, sets), camera, views, rng)
+    distances = render_volume(table_scene(labels.scene), camera, views, rng)
     channels = torch.from_numpy(volume_channels(distances))[None]
     planes = network.encode(channels)
     field, _ = evaluate_field(network, planes, distances, EDGE)
@@ -112,7 +109,7 @@ def view_grasps(
     kept = inputs.hits >= MIN_HITS
     if not kept.any():
         return None
-    return _entry(labels, distances, inputs, kept, object_scene(labels.scene, sets), rng)
+    return _entry(labels, distances, inputs, kept, object_scene(labels.scene), rng)
 
 
 def _entry(
@@ -170,7 +167,6 @@ def cache_grasps(
     *,
     n_views: int,
     seed: int,
-    sets: ObjectSets = None,
 ) -> int:
     """Look at labelled scenes from several sides and keep what is seen.
 
@@ -183,7 +179,6 @@ def cache_grasps(
         folder: Where the entries go.
         n_views: Views per scene.
         seed: Seed of views and noise, together with the scene's number.
-        sets: Object sets by name, where they are not built in.
 
     Returns:
         How many entries were added.
@@ -196,7 +191,7 @@ def cache_grasps(
             if path.exists() or not len(labels.grasps.labels):
                 continue
             rng = np.random.default_rng([seed, labels.index, view])
-            entry = view_grasps(labels, network, rng, sets=sets)
+            entry = view_grasps(labels, network, rng)
             if entry is not None:
                 save_grasps(entry, path)
                 added += 1

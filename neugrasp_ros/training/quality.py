@@ -200,7 +200,7 @@ def predict(network: GraspNetwork, cache: GraspCache) -> tuple[np.ndarray, np.nd
         batch = make_batch([entry], len(entry.labels), rng)
         planes = network.scene.encode(batch.volumes)
         logits = quality_logits(network, planes, batch)
-        probabilities.append(logits.sigmoid().numpy())
+        probabilities.append(network.probability(logits).numpy())
         labels.append(batch.labels.numpy())
     return np.concatenate(probabilities), np.concatenate(labels)
 

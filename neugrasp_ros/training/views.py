@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scene recipes rendered again: volumes from random views, and true occupancy."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,11 +13,9 @@ from neugrasp_ros.geometry.depth_noise import add_camera_noise, add_mod_dex
 from neugrasp_ros.geometry.mesh import box_mesh
 from neugrasp_ros.geometry.raycast import MeshScene
 from neugrasp_ros.geometry.transform import look_at, translation
-from sim_bridge.objects.registry import ObjectSet
 from sim_bridge.scene import Scene, scene_meshes
 
 FloatArray = NDArray[np.float64]
-ObjectSets = Mapping[str, ObjectSet] | None
 
 EDGE = 0.3  # [m]
 TABLE_TOP = 0.05  # [m]
@@ -54,19 +51,14 @@ class OccupancySamples(NamedTuple):
     occupied: NDArray[np.bool_]
 
 
-def object_scene(scene: Scene, sets: ObjectSets = None) -> MeshScene:
-    """Return the scene's objects alone, as rendering and occupancy targets.
-
-    Args:
-        scene: The recipe.
-        sets: Object sets by name, where they are not built in.
-    """
-    return MeshScene(*scene_meshes(scene, sets))
+def object_scene(scene: Scene) -> MeshScene:
+    """Return the scene's objects alone, as rendering and occupancy targets."""
+    return MeshScene(*scene_meshes(scene))
 
 
-def table_scene(scene: Scene, sets: ObjectSets = None) -> MeshScene:
-    """Return the objects on their table, as a camera sees them; see object_scene."""
-    meshes, poses, owners = scene_meshes(scene, sets)
+def table_scene(scene: Scene) -> MeshScene:
+    """Return the objects on their table, as a camera sees them."""
+    meshes, poses, owners = scene_meshes(scene)
     table = box_mesh(np.array([0.6, 0.6, 0.006]))
     T_task_table = translation(EDGE / 2, EDGE / 2, TABLE_TOP - 0.006)
     return MeshScene(
