@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``neugrasp demo``: clear a seeded table in the simulator, over real ROS."""
+
+import argparse
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+START_TIMEOUT = 90.0  # [s]
+STOP_TIMEOUT = 10.0  # [s]
+
+
+def add_parser(
+    subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    """Add the command and its options."""
+    parser = subparsers.add_parser(
+        "demo", help="clear a seeded table in the simulator; exit 0 if a grasp held"
+    )
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scene", default="pile", help="pile or packed")
+    parser.add_argument("--objects", type=int, default=5)
+    parser.add_argument("--separate", action="store_true", help="one process per node")
+    parser.add_argument("--affordance", default="", help="such as pour, or cut|stab")
+    parser.add_argument("--picture", type=Path, default=Path("out/demo.png"))
+    parser.add_argument("--json", type=Path, help="write the attempts here, too")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Start the suite, clear the table, print the attempts; 0 if one lifted."""
+    from neugrasp_ros.model import default_weights
+
+    if not default_weights().is_file():
+        print(f"there are no trained weights at {default_weights()} yet: no demo")
+        return 1
+    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 101)))
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    print(f"starting the suite (ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}) ...")
+    command = [sys.executable, "-m", "neugrasp_ros.cli.main", "up", "--sim"]
+    args.picture.parent.mkdir(parents=True, exist_ok=True)
+    log_path = args.picture.with_suffix(".log")
+    with log_path.open("w") as log:
+        suite = subprocess.Popen(
+            [*command, *(["--separate"] if args.separate else [])],
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            result = _clear(args)
+        finally:
+            _stop(suite)
+    if args.json:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        args.json.write_text(json.dumps(result, indent=1) + "\n")
+    print(f"log of the suite: {log_path}")
+    if "error" in result:
+        print(f"failed: {result['error']}")
+    print(
+        f"lifted {result['lifted']} of {result['objects']} objects "
+        f"in {len(result['attempts'])} attempts"
+    )
+    return 0 if result["lifted"] else 1
+
+
+def _clear(args: argparse.Namespace) -> dict[str, Any]:
+    from neugrasp_ros.nodes.demo_run import run_demo
+
+    return run_demo(
+        kind=args.scene,
+        seed=args.seed,
+        n_objects=args.objects,
+        affordance=args.affordance,
+        picture=args.picture,
+        start_timeout=START_TIMEOUT,
+        say=lambda line: print(line, flush=True),
+    )
+
+
+def _stop(suite: "subprocess.Popen[bytes]") -> None:
+    """Ask the suite to end; insist when it does not."""
+    for sign in (signal.SIGINT, signal.SIGKILL):
+        if suite.poll() is None:
+            os.killpg(suite.pid, sign)
+            try:
+                suite.wait(STOP_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                continue

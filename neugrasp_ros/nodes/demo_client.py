@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A client that clears the simulated table, over the same services as any user's."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from neugrasp_msgs.msg import DetectionReport, GraspArray, GraspCandidates, TsdfVolume
+from neugrasp_msgs.srv import DetectGrasps, SpawnScene, TryGrasp
+from rclpy.node import Node
+from sensor_msgs.msg import Image, PointCloud2
+
+from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.nodes.compat.clouds import read_points
+from neugrasp_ros.nodes.compat.images import read_depth
+from neugrasp_ros.nodes.conversions import from_grasp_array, from_pose
+from neugrasp_ros.nodes.qos import latched, newest, sensor_input
+from neugrasp_ros.pictures.decision import Attempt, Decision
+
+FAILURES_TO_STOP = 2  # in a row, as in the benchmark (method sheet, a8)
+SKIPS_TO_STOP = 3  # answers without a grasp
+CALL_TIMEOUT = 30.0  # [s]
+STAGES = (
+    "fusion",
+    "encoding",
+    "rendering",
+    "sampling",
+    "local_rendering",
+    "quality",
+    "reachability",
+    "total",
+)
+
+
+class DemoError(NeuGraspError):
+    """The suite does not answer, or answers that it cannot."""
+
+
+@dataclass
+class DemoResult:
+    """What came of a demonstration.
+
+    Attributes:
+        objects: How many objects the scene had.
+        attempts: The executed grasps in order.
+        reports: Report of every detection.
+        decision: What the first detection saw and computed; None if it found nothing.
+    """
+
+    objects: int
+    attempts: list[Attempt] = field(default_factory=list)
+    reports: list[DetectionReport] = field(default_factory=list)
+    decision: Decision | None = None
+
+    @property
+    def lifted(self) -> int:
+        """Number of objects lifted."""
+        return sum(attempt.success for attempt in self.attempts)
+
+
+class DemoClient(Node):
+    """Ask for grasps, have the best one tried, until the table is clear.
+
+    Args:
+        spin: Called to let callbacks run for up to the given time in [s].
+    """
+
+    def __init__(self, spin: Callable[[float], None]) -> None:
+        super().__init__("demo_client")
+        self._spin = spin
+        self._latest: dict[str, Any] = {}
+        for name, kind, topic, qos in (
+            ("depth", Image, "head_front_camera/depth_registered/image_raw",
+             sensor_input()),
+            ("surface", PointCloud2, "rendered_cloud", latched()),
+            ("candidates", GraspCandidates, "grasps/candidates", newest()),
+            ("volume", TsdfVolume, "tsdf", latched()),
+        ):  # fmt: skip
+            self.create_subscription(kind, topic, self._keep(name), qos)
+        self._detect = self.create_client(DetectGrasps, "detect_grasps")
+        self._spawn = self.create_client(SpawnScene, "sim_bridge/spawn_scene")
+        self._try = self.create_client(TryGrasp, "sim_bridge/try_grasp")
+
+    def _keep(self, name: str) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            self._latest[name] = message
+
+        return keep
+
+    def wait_for_suite(self, timeout: float) -> None:
+        """Wait until all services are offered and the pipeline is ready.
+
+        Raises:
+            DemoError: Naming what is still missing after ``timeout`` [s].
+        """
+        deadline = time.monotonic() + timeout
+        clients = (self._detect, self._spawn, self._try)
+        while time.monotonic() < deadline:
+            missing = [c.srv_name for c in clients if not c.service_is_ready()]
+            if not missing and "volume" in self._latest:
+                return
+            self._spin(0.1)
+        raise DemoError(
+            f"after {timeout:.0f} s still missing: "
+            f"{', '.join(missing) or 'the first volume on tsdf'}"
+        )
+
+    def clear_table(
+        self,
+        kind: str,
+        seed: int,
+        n_objects: int,
+        report: Callable[[DemoResult], None],
+        affordance: str = "",
+    ) -> DemoResult:
+        """Spawn a scene and clear it by the benchmark's stop rules.
+
+        Args:
+            kind: Scene kind, as the bridge knows it.
+            seed: Seed of the scene and of the sampler.
+            n_objects: Objects asked for.
+            report: Called after every attempt.
+            affordance: Query of every detection.
+
+        Raises:
+            DemoError: If a service does not answer or the scene cannot be made.
+        """
+        spawned = self._call(
+            self._spawn, SpawnScene.Request(kind=kind, seed=seed, objects=n_objects)
+        )
+        if not spawned.success:
+            raise DemoError(f"spawn_scene: {spawned.message}")
+        result = DemoResult(objects=len(spawned.names))
+        failures = skips = 0
+        while (
+            result.lifted < result.objects
+            and failures < FAILURES_TO_STOP
+            and skips < SKIPS_TO_STOP
+        ):
+            answer = self._ask(seed, affordance)
+            result.reports.append(answer.report)
+            if not answer.success:
+                skips += 1
+                if answer.report.code == DetectionReport.EMPTY_WORKSPACE:
+                    break
+                continue
+            if result.decision is None:
+                result.decision = self._decision(answer.grasps)
+            attempt = self._attempt(answer.grasps)
+            result.attempts.append(attempt)
+            failures = 0 if attempt.success else failures + 1
+            report(result)
+        return result
+
+    def _ask(self, seed: int, affordance: str) -> DetectGrasps.Response:
+        request = DetectGrasps.Request(
+            scene=DetectGrasps.Request.SCENE_FRESH, affordance=affordance
+        )
+        request.seed = seed + 1  # 0 would mean random
+        return self._call(self._detect, request)
+
+    def _attempt(self, grasps: GraspArray) -> Attempt:
+        best = grasps.grasps[0]
+        alone = GraspArray(
+            header=grasps.header,
+            axes=grasps.axes,
+            stage=grasps.stage,
+            gripper=grasps.gripper,
+            tcp_frame=grasps.tcp_frame,
+            scene_revision=grasps.scene_revision,
+            grasps=[best],
+        )
+        tried = self._call(self._try, TryGrasp.Request(grasp=alone))
+        return Attempt(best.quality, best.width, tried.success, tried.message)
+
+    def _call(self, client: Any, request: Any) -> Any:
+        future = client.call_async(request)
+        deadline = time.monotonic() + CALL_TIMEOUT
+        while not future.done() and time.monotonic() < deadline:
+            self._spin(0.05)
+        if not future.done():
+            raise DemoError(f"{client.srv_name} gave no answer in {CALL_TIMEOUT:.0f} s")
+        return future.result()
+
+    def _decision(self, answer: GraspArray) -> Decision:
+        """Gather what the latest topics say about the scene of an answer."""
+        self._spin(0.5)
+        grasps = from_grasp_array(answer).grasps
+        volume = self._latest["volume"]
+        lower = from_pose(volume.origin)[:3, 3]
+        proposed = self._latest.get("candidates")
+        candidates = grasps
+        if proposed is not None and proposed.candidates.grasps:
+            candidates = from_grasp_array(proposed.candidates).grasps
+        surface = np.zeros((0, 3))
+        if "surface" in self._latest:
+            surface = read_points(self._latest["surface"]).astype(np.float64)
+        return Decision(
+            depth=read_depth(self._latest["depth"]),
+            surface=surface,
+            candidates=candidates.poses,
+            candidate_widths=candidates.widths,
+            grasps=grasps.poses,
+            widths=grasps.widths,
+            quality=grasps.quality,
+            lower=lower,
+            edge=volume.voxel_size * volume.size_x,
+        )
+
+
+def stage_milliseconds(report: DetectionReport) -> dict[str, float]:
+    """Return the milliseconds of each stage of a detection."""
+    return {stage: 1e3 * getattr(report, f"seconds_{stage}") for stage in STAGES}

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demonstration: a client against a running suite, a table, and a picture."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+
+from neugrasp_ros.geometry.gripper import load_gripper
+from neugrasp_ros.nodes.demo_client import (
+    DemoClient,
+    DemoError,
+    DemoResult,
+    stage_milliseconds,
+)
+from neugrasp_ros.nodes.runtime import ros
+from neugrasp_ros.pictures.decision import draw_decision
+
+GRIPPER = "robotiq_2f85"
+HEADER = (
+    f"{'try':>3} {'quality':>7} {'width':>8}  {'result':<28} milliseconds per stage"
+)
+
+
+def run_demo(
+    *,
+    kind: str,
+    seed: int,
+    n_objects: int,
+    affordance: str,
+    picture: Path,
+    start_timeout: float,
+    say: Callable[[str], None],
+) -> dict[str, Any]:
+    """Clear a table, tell the attempts as they come, draw the first decision.
+
+    Args:
+        kind: Scene kind.
+        seed: Seed of scene and sampler.
+        n_objects: Objects asked for.
+        affordance: Query of every detection.
+        picture: Where the picture goes.
+        start_timeout: How long the suite may take to be ready [s].
+        say: Shows a line to the user.
+
+    Returns:
+        JSON-able: ``lifted``, ``objects``, ``attempts``, ``milliseconds``, ``seed``,
+        ``scene``, and ``error`` where the demonstration broke off.
+    """
+    result, error = DemoResult(objects=0), ""
+    with ros("demo", None):
+        executor = SingleThreadedExecutor()
+        client = DemoClient(lambda seconds: executor.spin_once(timeout_sec=seconds))
+        executor.add_node(client)
+        try:
+            client.wait_for_suite(start_timeout)
+            say(HEADER)
+            result = client.clear_table(
+                kind, seed, n_objects, lambda r: say(_last_line(r)), affordance
+            )
+        except DemoError as problem:
+            error = str(problem)
+        finally:
+            client.destroy_node()
+            executor.shutdown()
+    for report in result.reports:
+        if report.code:
+            say(f"no grasp (code {report.code}): {report.message}")
+    if result.decision is not None:
+        draw_decision(
+            result.decision,
+            result.attempts,
+            load_gripper(GRIPPER),
+            picture,
+            f"neugrasp: {kind}, seed {seed}: lifted {result.lifted} of "
+            f"{result.objects} in {len(result.attempts)} attempts",
+        )
+        say(f"picture: {picture}")
+    return {
+        "scene": kind,
+        "seed": seed,
+        "objects": result.objects,
+        "lifted": result.lifted,
+        "attempts": [asdict(attempt) for attempt in result.attempts],
+        "milliseconds": [stage_milliseconds(report) for report in result.reports],
+        **({"error": error} if error else {}),
+    }
+
+
+def _last_line(result: DemoResult) -> str:
+    attempt, stages = result.attempts[-1], stage_milliseconds(result.reports[-1])
+    times = ", ".join(f"{name} {value:.0f}" for name, value in stages.items())
+    return (
+        f"{len(result.attempts):>3} {attempt.quality:7.2f} "
+        f"{1e3 * attempt.width:5.0f} mm  {attempt.result:<28} {times}"
+    )
