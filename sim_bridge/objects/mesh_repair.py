@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tell whether meshes are closed, and close them where that is possible."""
 
-import importlib
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.geometry.mesh import Mesh
+
+LARGEST_PATCH = 0.25  # of the area: beyond that a filled hole is an invented shape
 
 
 def weld(vertices: NDArray[np.float64], triangles: NDArray[np.int_]) -> Mesh:
@@ -47,6 +48,12 @@ def outward(mesh: Mesh) -> Mesh:
     return mesh if mesh.volume() >= 0 else Mesh(mesh.vertices, mesh.triangles[:, ::-1])
 
 
+def surface_area(mesh: Mesh) -> float:
+    """Return the area of all faces in [m^2]."""
+    a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
 def close_meshes(groups: Sequence[Mesh]) -> tuple[tuple[Mesh, ...], str]:
     """Return closed, outward meshes of the same shape, as far as possible.
 
@@ -66,14 +73,62 @@ def close_meshes(groups: Sequence[Mesh]) -> tuple[tuple[Mesh, ...], str]:
     if is_watertight(whole):
         return (outward(whole),), ""
     repaired = _repaired(whole)
-    if is_watertight(repaired):
+    patched = surface_area(repaired) - surface_area(whole)
+    if is_watertight(repaired) and patched < LARGEST_PATCH * surface_area(whole):
         return (outward(repaired),), "faces were turned or holes filled"
     return (whole,), "not closed"
 
 
 def _repaired(mesh: Mesh) -> Mesh:
-    trimesh = importlib.import_module("trimesh")
-    repaired = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=True)
-    trimesh.repair.fix_winding(repaired)
-    trimesh.repair.fill_holes(repaired)
-    return weld(np.asarray(repaired.vertices), np.asarray(repaired.faces))
+    return _holes_filled(Mesh(mesh.vertices, _agreeing_faces(mesh.triangles)))
+
+
+def _directed_edges(triangle: NDArray[np.int32]) -> list[tuple[int, int]]:
+    a, b, c = (int(corner) for corner in triangle)
+    return [(a, b), (b, c), (c, a)]
+
+
+def _agreeing_faces(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Turn faces until neighbours run along their common edge in opposite ways."""
+    owners: dict[tuple[int, int], list[int]] = {}
+    for index, triangle in enumerate(triangles):
+        for a, b in _directed_edges(triangle):
+            owners.setdefault((min(a, b), max(a, b)), []).append(index)
+    faces = triangles.copy()
+    unseen = set(range(len(faces)))
+    while unseen:
+        queue = [unseen.pop()]
+        while queue:
+            current = queue.pop()
+            for a, b in _directed_edges(faces[current]):
+                for other in owners[min(a, b), max(a, b)]:
+                    if other not in unseen:
+                        continue
+                    unseen.remove(other)
+                    queue.append(other)
+                    if (a, b) in _directed_edges(faces[other]):
+                        faces[other] = faces[other][::-1]
+    return faces
+
+
+def _holes_filled(mesh: Mesh) -> Mesh:
+    """Close every simple loop of open edges with a fan about its middle."""
+    edges = {edge for triangle in mesh.triangles for edge in _directed_edges(triangle)}
+    following = {b: a for a, b in edges if (b, a) not in edges}
+    vertices, faces = [mesh.vertices], [mesh.triangles]
+    n_vertices = len(mesh.vertices)
+    while following:
+        start, corner = following.popitem()
+        loop = [start]
+        while corner in following:
+            loop.append(corner)
+            corner = following.pop(corner)
+        if corner != start:
+            continue  # open edges that meet in a tangle
+        middle = np.full(len(loop), n_vertices)
+        vertices.append(mesh.vertices[loop].mean(axis=0, keepdims=True))
+        faces.append(
+            np.column_stack([loop, np.roll(loop, -1), middle]).astype(np.int32)
+        )
+        n_vertices += 1
+    return Mesh(np.concatenate(vertices), np.concatenate(faces))

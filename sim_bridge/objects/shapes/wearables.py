@@ -132,13 +132,12 @@ def make_ear_hook(rng: np.random.Generator) -> Shape:
     hook_radius = rng.uniform(0.02, 0.026)
     body = box((0.014, 0.022, 0.032), (half, 0, 0), PLUG)
     tip = rod((half, 0, 0), (half - 0.016, 0, 0), 0.006, PLUG)
-    arc = arc_path((half, 0, 0.012), (hook_radius, hook_radius), (0, np.pi), 6, "yz")
+    y = hook_radius - 0.006  # the hook starts inside the body and ends behind the ear
+    arc = arc_path((half, y, 0.012), (hook_radius, hook_radius), (0, np.pi), 6, "yz")
     hook = sweep(arc, (0.007, 0.007), (1, 0, 0), STEM)
     side = [body, tip, *hook]
-    y = hook_radius
-    back = arc_path(
-        (0, y, 0.008), (half, rng.uniform(0.035, 0.05)), (0, np.pi), 10, "xy"
-    )
+    reach = (half, rng.uniform(0.035, 0.05))
+    back = arc_path((0, y + hook_radius, 0.012), reach, (0, np.pi), 10, "xy")
     band = sweep(back, (rng.uniform(0.01, 0.014), 0.007), (0, 0, 1), HEADBAND)
     return Shape([*side, *mirrored(side), *band], PLASTIC)
 

@@ -29,7 +29,9 @@ def test_outward_turns_an_inside_out_mesh():
 
 
 def test_weld_drops_doubled_vertices_and_collapsed_faces():
-    soup = weld(CUBE.vertices[CUBE.triangles].reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    soup = weld(
+        CUBE.vertices[CUBE.triangles].reshape(-1, 3), np.arange(36).reshape(-1, 3)
+    )
     assert len(soup.vertices) == 8
     assert is_watertight(soup)
     assert len(weld(np.zeros((3, 3)), np.array([[0, 1, 2]])).triangles) == 0

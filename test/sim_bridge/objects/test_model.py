@@ -49,7 +49,9 @@ def test_scaling_multiplies_lengths_and_leaves_mass_and_the_original():
     twice = model.scaled(2.0)
     np.testing.assert_allclose(twice.bounds(), 2 * model.bounds())
     assert part_volume(twice.parts[1]) == pytest.approx(8 * part_volume(model.parts[1]))
-    np.testing.assert_allclose(part_mesh(twice.parts[1]).bounds()[1], [0.12, 0.02, 0.06])
+    np.testing.assert_allclose(
+        part_mesh(twice.parts[1]).bounds()[1], [0.12, 0.02, 0.06]
+    )
     assert twice.mass == model.mass
     assert model.parts[1].pose[0, 3] == 0.05
     assert model.scaled(1.0) is model

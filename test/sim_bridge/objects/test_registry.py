@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+import zlib
+
+import numpy as np
+import pytest
+
+from neugrasp_ros.errors import ObjectFileError, UnknownNameError
+from sim_bridge.objects.registry import ObjectSet, object_set, split
+
+BOX_URDF = (
+    '<robot name="x"><link name="a"><collision><geometry><box size="0.1 0.1 0.1"/>'
+    "</geometry></collision></link></robot>"
+)
+
+
+def test_split_follows_the_hash_of_the_name_and_covers_everything():
+    names = [f"object_{k}" for k in range(400)]
+    parts = {part: split(names, part) for part in ("train", "tune", "val")}
+    assert all(zlib.crc32(name.encode()) % 8 == 0 for name in parts["val"])
+    assert all(zlib.crc32(name.encode()) % 8 == 1 for name in parts["tune"])
+    assert sorted(n for part in parts.values() for n in part) == sorted(names)
+    assert len(set(parts["val"]) | set(parts["tune"]) | set(parts["train"])) == 400
+
+
+def test_unknown_split_is_refused():
+    with pytest.raises(UnknownNameError, match="known: train, tune, val"):
+        split(["a"], "test")
+
+
+def test_generated_sets_are_known_by_name():
+    for name in ("procedural", "affordance"):
+        objects = object_set(name)
+        assert objects.name == name
+        assert list(objects.names) == sorted(objects.names)
+        assert len(objects) >= 400
+        assert objects.load(objects.names[0]) is objects.load(objects.names[0])
+
+
+def test_random_urdfs_are_unions_of_closed_convex_pieces():
+    objects = object_set("random_urdfs")
+    assert len(objects) == 999
+    assert "168" not in objects.names
+    model = objects.load("000")
+    assert len(model.parts) == len(model.visuals) == 5
+    assert model.mass == 0.1
+    assert (model.extents() < 0.2).all()
+
+
+def test_folder_of_urdfs_is_called_like_its_last_component(tmp_path):
+    folder = tmp_path / "kitchen"
+    folder.mkdir()
+    (folder / "crate.urdf").write_text(BOX_URDF)
+    objects = object_set(str(folder))
+    assert (objects.name, objects.names) == ("kitchen", ("crate",))
+    np.testing.assert_allclose(objects.load("crate").extents(), 0.1)
+    with pytest.raises(UnknownNameError, match="object of kitchen 'crat'.*crate"):
+        objects.load("crat")
+
+
+def test_folder_of_meshes_is_loaded(tmp_path):
+    (tmp_path / "wedge.obj").write_text(
+        "v 0 0 0\nv 90 0 0\nv 0 90 0\nv 0 0 90\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    )
+    model = object_set(str(tmp_path)).load("wedge")
+    np.testing.assert_allclose(model.extents(), 0.09)
+
+
+def test_one_broken_file_spoils_only_itself(tmp_path):
+    (tmp_path / "good.urdf").write_text(BOX_URDF)
+    (tmp_path / "bad.urdf").write_text("<robot")
+    objects = object_set(str(tmp_path))
+    assert objects.load("good").mass > 0
+    with pytest.raises(ObjectFileError, match="bad.urdf"):
+        objects.load("bad")
+
+
+def test_folders_are_searched_where_the_environment_says(tmp_path, monkeypatch):
+    (tmp_path / "garage").mkdir()
+    (tmp_path / "garage" / "crate.urdf").write_text(BOX_URDF)
+    monkeypatch.setenv("NEUGRASP_OBJECTS", f"/nowhere:{tmp_path}")
+    assert object_set("garage").names == ("crate",)
+
+
+def test_empty_folder_and_unknown_name_say_what_was_expected(tmp_path):
+    with pytest.raises(ObjectFileError, match="holds no"):
+        object_set(str(tmp_path))
+    with pytest.raises(UnknownNameError, match="known: affordance, or a folder, proc"):
+        object_set("proceduralistic")
+
+
+def test_set_sorts_its_names_and_loads_each_once():
+    loaded = []
+    objects = ObjectSet("x", ["b", "a"], lambda name: loaded.append(name))
+    assert objects.names == ("a", "b")
+    objects.load("b")
+    objects.load("b")
+    assert loaded == ["b"]
