@@ -153,6 +153,27 @@ def pack_hulls(items: Sequence[tuple[int, FloatArray, FloatArray]]) -> Hulls:
     )
 
 
+def body_balls(hulls: Hulls, joints: int) -> FloatArray:
+    """Return a ball around all hulls of each body, the base last.
+
+    Returns:
+        Centres in the body frame and radii in [m], shape (J + 1, 4); a body without
+        hulls has radius zero.
+    """
+    balls = np.zeros((joints + 1, 4))
+    for body in range(joints + 1):
+        own = np.flatnonzero(hulls.bodies == (body if body < joints else -1))
+        if not len(own):
+            continue
+        points = np.concatenate(
+            [hulls.vertices[hulls.vertex_starts[g] : hulls.vertex_starts[g + 1]] for g in own]
+        )
+        center = (points.min(axis=0) + points.max(axis=0)) / 2
+        balls[body, :3] = center
+        balls[body, 3] = np.linalg.norm(points - center, axis=1).max()
+    return balls
+
+
 def _rotation(matrix: FloatArray) -> FloatArray:
     T = np.eye(4)
     T[:3, :3] = matrix
@@ -178,7 +199,8 @@ def _outline(shape: Any) -> FloatArray:
         z = 1 - (2 * np.arange(60) + 1) / 60
         ring = np.sqrt(1 - z * z)
         ball = np.stack([ring * np.cos(golden), ring * np.sin(golden), z], axis=1)
-        return np.asarray(ball * shape.radius * 1.05)  # around it, not in it
+        inner = -ConvexHull(ball).equations[:, 3].max()
+        return np.asarray(ball * shape.radius / inner)  # around it, not in it
     return np.array(shape.points())
 
 

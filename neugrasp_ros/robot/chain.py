@@ -90,7 +90,7 @@ def turn_z_to(axis: FloatArray) -> FloatArray:
     return np.stack([x, np.cross(axis, x), axis], axis=1)
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def append_pose(rotation, position, step, offset):  # type: ignore[no-untyped-def]
     """Multiply a pose, in place, by a constant one."""
     for i in range(3):
@@ -134,7 +134,7 @@ def tip_and_axes(chain, q, rotation, position, axes, origins):  # type: ignore[n
     append_pose(rotation, position, chain.rotations[len(q)], chain.offsets[len(q)])
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def fill_jacobian(chain, position, axes, origins, jacobian):  # type: ignore[no-untyped-def]
     """Write the geometric Jacobian (linear rows first) at the tip, shape (6, n)."""
     for k in range(axes.shape[0]):

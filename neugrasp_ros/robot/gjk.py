@@ -13,9 +13,11 @@ MAX_ITERATIONS = 40
 CONVERGED = 1e-8  # of |v|^2, relative
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
-def _support(vertices, rotation, position, x, y, z):  # type: ignore[no-untyped-def]
-    """Return the vertex of a posed hull that lies farthest along (x, y, z)."""
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _support(hull, direction):  # type: ignore[no-untyped-def]
+    """Return the vertex of a posed hull that lies farthest in a direction."""
+    vertices, rotation, position = hull
+    x, y, z = direction
     a = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z
     b = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z
     c = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
@@ -32,17 +34,17 @@ def _support(vertices, rotation, position, x, y, z):  # type: ignore[no-untyped-
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _dot(p, q):  # type: ignore[no-untyped-def]
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _less(p, q):  # type: ignore[no-untyped-def]
     return (p[0] - q[0], p[1] - q[1], p[2] - q[2])
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _blend(p, s, q, t, r):  # type: ignore[no-untyped-def]
     """Return p + s q + t r."""
     return (
@@ -52,7 +54,7 @@ def _blend(p, s, q, t, r):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _row(simplex, i):  # type: ignore[no-untyped-def]
     return (simplex[i, 0], simplex[i, 1], simplex[i, 2])
 
@@ -128,20 +130,33 @@ def _nearest(simplex, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def closer_than(  # type: ignore[no-untyped-def]  # noqa: PLR0913
-    vertices_a, rotation_a, position_a, vertices_b, rotation_b, position_b, margin, v
-):
+def still_apart(first, second, margin, split):  # type: ignore[no-untyped-def]
+    """Return whether a known direction still separates two hulls by the margin.
+
+    Args:
+        first: Vertices in its own frame in [m] (V, 3), rotation (3, 3) and position in
+            [m] (3,) of one hull.
+        second: The same of the other.
+        margin: In [m].
+        split: Unit vector from the second towards the first, or zero for none.
+    """
+    n = (split[0], split[1], split[2])
+    if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+        return False
+    a = _support(first, (-n[0], -n[1], -n[2]))
+    return _dot(n, _less(a, _support(second, n))) > margin
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def closer_than(first, second, margin, v, split):  # type: ignore[no-untyped-def]
     """Return whether two posed convex hulls come closer than a margin, or overlap.
 
     Args:
-        vertices_a: Vertices of the first in its own frame in [m], shape (V, 3).
-        rotation_a: Its rotation, shape (3, 3).
-        position_a: Its position in [m], shape (3,).
-        vertices_b: The second likewise.
-        rotation_b: Its rotation, shape (3, 3).
-        position_b: Its position in [m], shape (3,).
+        first: One hull, as in ``still_apart``.
+        second: The other.
         margin: In [m], positive.
         v: Any vector from a point of the second to a point of the first in [m].
+        split: Receives the direction that separates them, if one does, shape (3,).
     """
     simplex = np.empty((4, 3))
     count = 0
@@ -149,11 +164,13 @@ def closer_than(  # type: ignore[no-untyped-def]  # noqa: PLR0913
         vv = _dot(v, v)
         if vv <= margin * margin:
             return True
-        a = _support(vertices_a, rotation_a, position_a, -v[0], -v[1], -v[2])
-        b = _support(vertices_b, rotation_b, position_b, v[0], v[1], v[2])
+        a = _support(first, (-v[0], -v[1], -v[2]))
+        b = _support(second, v)
         w = _less(a, b)
         vw = _dot(v, w)
         if vw > 0.0 and vw * vw > margin * margin * vv:
+            length = np.sqrt(vv)
+            split[0], split[1], split[2] = v[0] / length, v[1] / length, v[2] / length
             return False
         if count > 0 and vv - vw <= CONVERGED * vv:
             return True  # v is the nearest point, and it is not farther than margin

@@ -41,7 +41,7 @@ class IkProblem(NamedTuple):
     max_iterations: int
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _pose_error(rotation, position, target_rotation, target_position, error):  # type: ignore[no-untyped-def]
     """Write e, in the base frame; return the two error norms in [m] and [rad]."""
     for i in range(3):
@@ -65,7 +65,7 @@ def _pose_error(rotation, position, target_rotation, target_position, error):  #
     return distance, angle
 
 
-@njit(cache=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _solve_damped(jacobian, weights, damping, error, matrix, solution):  # type: ignore[no-untyped-def]
     """Solve (J W J^T + damping I) solution = error by Cholesky, in place."""
     joints = weights.shape[0]

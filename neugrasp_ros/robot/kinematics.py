@@ -106,6 +106,7 @@ class ArmKinematics:
         *,
         near: FloatArray | None = None,
         after: IntArray | None = None,
+        seeds: int | None = None,
     ) -> IkSolutions:
         """Find a configuration for each grasp.
 
@@ -114,30 +115,32 @@ class ArmKinematics:
             near: Joint values (n,) to try first, such as the current ones.
             after: Last seed that was used for each grasp, shape (N,), to get another
                 solution than that one's.
+            seeds: How many seeds to stop at; default all.
 
         Returns:
             Solutions inside the limits with margin.
         """
         targets = _targets(T_base_grippers)
-        seeds = self._seeds
+        starts = self._seeds
         if near is not None:
             inside = np.clip(near, self.lower, self.upper)
-            seeds = np.concatenate([inside[None], seeds])
+            starts = np.concatenate([inside[None], starts])
+        starts = starts[:seeds]
         first = np.zeros(len(targets), dtype=np.int64)
         if after is not None:
-            first = np.minimum(np.asarray(after, dtype=np.int64) + 1, len(seeds))
-        first[~self.may_reach(T_base_grippers)] = len(seeds)
+            first = np.minimum(np.asarray(after, dtype=np.int64) + 1, len(starts))
+        first[~self.may_reach(T_base_grippers)] = len(starts)
         q = np.zeros((len(targets), len(self.lower)))
         used = np.empty(len(targets), dtype=np.int64)
-        solve_batch(self._problem, targets, seeds, first, q, used)
-        return IkSolutions(q, used < len(seeds), used)
+        solve_batch(self._problem, targets, starts, first, q, used)
+        return IkSolutions(q, used < len(starts), used)
 
     def reaches_beyond_limits(self, T_base_grippers: FloatArray) -> BoolArray:
         """Return which grasps a longer joint travel would reach, shape (N,)."""
         targets = _targets(T_base_grippers)
         q = np.zeros((len(targets), len(self.lower)))
         used = np.empty(len(targets), dtype=np.int64)
-        seeds = self._seeds[:2]
+        seeds = self._seeds[:1]
         first = np.zeros(len(targets), dtype=np.int64)
         solve_batch(self._widened, targets, seeds, first, q, used)
         return np.asarray(used < len(seeds))

@@ -49,4 +49,7 @@ class ReachabilityConfig(Checked):
     retries: int = option(
         2, "Other solutions tried when one fails in collision or on its path", 0, 16
     )
+    travel_weight: float = option(
+        0.03, "Manipulability given up to arrive a second earlier [1/s]", 0.0, 1.0
+    )
     min_manipulability: float = option(0.0, "Smallest manipulability", 0.0, 1.0)

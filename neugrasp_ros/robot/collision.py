@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a configuration hits the robot itself or the scene."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp_ros.errors import RobotModelError, ShapeError
+from neugrasp_ros.robot.bodies import body_balls, joint_tree, robot_hulls
+from neugrasp_ros.robot.contact import (
+    FREE,
+    SELF,
+    Scope,
+    World,
+    contacts,
+    path_contacts,
+)
+from neugrasp_ros.robot.model import RobotModel
+from neugrasp_ros.robot.obstacles import Obstacles, make_obstacles
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Contact(NamedTuple):
+    """Two things that touch, by link name; ``scene`` stands for all obstacles."""
+
+    first: str
+    second: str
+
+
+class CollisionChecker:
+    """Convex hulls of all links against each other and against obstacles.
+
+    Only pairs whose distance the asked group can change are looked at. A link and its
+    parent may touch, and so may the pairs that the description excludes.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        *,
+        padding: float = 0.003,
+        jaw_padding: float = 0.001,
+        check_self: bool = True,
+    ) -> None:
+        """Collect hulls and pairs.
+
+        Args:
+            robot: The robot.
+            padding: Distance that links keep from each other and the scene in [m].
+            jaw_padding: Distance that the hand in use keeps from the scene in [m].
+            check_self: Look at the robot's own links at all.
+
+        Raises:
+            RobotModelError: If an excluded pair names a link that does not exist.
+        """
+        self._robot = robot
+        self._tree = joint_tree(robot)
+        self._hulls, self.links = robot_hulls(robot)
+        self._balls = body_balls(self._hulls, len(robot.joint_names))
+        self._padding, self._jaw_padding = padding, jaw_padding
+        self._pairs = self._find_pairs()[: None if check_self else 0]
+        self._nothing = make_obstacles()
+        self._scopes: dict[str, Scope] = {}
+
+    def codes(
+        self,
+        configurations: FloatArray,
+        group: str = "",
+        obstacles: Obstacles | None = None,
+    ) -> IntArray:
+        """Return ``FREE``, ``SELF`` or ``SCENE`` for configurations (N, J).
+
+        Args:
+            configurations: Joint values in the robot's order, shape (N, J).
+            group: Planning group that moves; empty = every joint.
+            obstacles: The scene, if any.
+
+        Raises:
+            ShapeError: If the configurations are not (N, J).
+        """
+        return self._ask(configurations, group, obstacles)[0]
+
+    def first_contact(
+        self, q: FloatArray, group: str = "", obstacles: Obstacles | None = None
+    ) -> Contact | None:
+        """Return what touches what in a configuration (J,), or None."""
+        codes, which = self._ask(np.asarray(q)[None], group, obstacles)
+        if codes[0] == FREE:
+            return None
+        if codes[0] == SELF:
+            i, j = self._scope(group).pairs[which[0]]
+            return Contact(self.links[i], self.links[j])
+        return Contact(self.links[which[0]], "scene")
+
+    def path_codes(
+        self,
+        paths: FloatArray,
+        starts: FloatArray,
+        group: str,
+        *,
+        obstacles: Obstacles | None = None,
+        held: FloatArray | None = None,
+    ) -> IntArray:
+        """Return the first contact along each of N paths.
+
+        Args:
+            paths: Joint values of the group, shape (N, S, n).
+            starts: Configurations that hold all other joints, shape (N, J).
+            group: Planning group that moves.
+            obstacles: The scene, if any.
+            held: For each path a ball, centre and radius in [m], whose points travel
+                with the hand, shape (N, 4).
+        """
+        codes = np.zeros(len(paths), dtype=np.int64)
+        path_contacts(
+            self._world(obstacles),
+            self._scope(group),
+            np.ascontiguousarray(starts, dtype=np.float64),
+            self._robot.group_indices(group),
+            np.ascontiguousarray(paths),
+            np.zeros((len(paths), 4)) if held is None else held,
+            codes,
+        )
+        return codes
+
+    def _ask(
+        self, configurations: FloatArray, group: str, obstacles: Obstacles | None
+    ) -> tuple[IntArray, IntArray]:
+        joints = len(self._robot.joint_names)
+        if configurations.ndim != 2 or configurations.shape[1] != joints:
+            raise ShapeError("configurations", f"(N, {joints})", configurations.shape)
+        codes = np.zeros(len(configurations), dtype=np.int64)
+        which = np.zeros(len(configurations), dtype=np.int64)
+        configurations = np.ascontiguousarray(configurations, dtype=np.float64)
+        contacts(self._world(obstacles), self._scope(group), configurations, codes, which)
+        return codes, which
+
+    def _world(self, obstacles: Obstacles | None) -> World:
+        around = obstacles or self._nothing
+        return World(self._tree, self._hulls, self._balls, around)
+
+    def _find_pairs(self) -> IntArray:
+        bodies = self._hulls.bodies
+        parents = self._tree.parents
+        excluded = set()
+        for pair in self._robot.description.self_collision_exclusions:
+            for name in pair:
+                if name not in self._robot.frame_names:
+                    raise RobotModelError("frame", name, self._robot.frame_names)
+            excluded |= {tuple(pair), tuple(reversed(pair))}
+        slides = self._finger_bodies()
+        found = []
+        for i, j in zip(*np.triu_indices(len(bodies), 1), strict=True):
+            a, b = bodies[i], bodies[j]
+            neighbours = a == b or parents[a] == b and a >= 0
+            neighbours |= b >= 0 and parents[b] == a
+            opposite = a in slides and b in slides and parents[a] == parents[b]
+            if not (neighbours or opposite or (self.links[i], self.links[j]) in excluded):
+                found.append((i, j))
+        return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+    def _finger_bodies(self) -> set[int]:
+        """Bodies of our own sliding fingers; a pair of jaws may close."""
+        names = self._robot.joint_names
+        return {k for k, name in enumerate(names) if name.endswith("_slide_joint")}
+
+    def _scope(self, group: str) -> Scope:
+        if group not in self._scopes:
+            self._scopes[group] = self._make_scope(group)
+        return self._scopes[group]
+
+    def _make_scope(self, group: str) -> Scope:
+        everything = np.arange(len(self._robot.joint_names))
+        active = set(self._robot.group_indices(group) if group else everything)
+        # joints of the group on the way from the base to each hull
+        ways = [active & self._ancestors(body) for body in self._hulls.bodies]
+        pairs = np.array(
+            [(i, j) for i, j in self._pairs if ways[i] ^ ways[j]], dtype=np.int64
+        ).reshape(-1, 2)
+        bodies = np.where(self._hulls.bodies < 0, len(everything), self._hulls.bodies)
+        pairs = pairs[np.lexsort(bodies[pairs].T)]
+        body_pairs, starts = np.unique(bodies[pairs], axis=0, return_index=True)
+        order = np.argsort(starts)
+        movers = np.array([g for g, way in enumerate(ways) if way], dtype=np.int64)
+        key = self._robot.description.groups[group].gripper if group else ""
+        hand = np.array(
+            [bool(key) and self.links[g].startswith(f"gripper_{key}_") for g in movers]
+        )
+        return Scope(
+            pairs=pairs,
+            body_pairs=body_pairs[order],
+            pair_starts=np.append(starts[order], len(pairs)),
+            movers=movers,
+            padding=np.where(hand, self._jaw_padding, self._padding),
+            hand=hand.astype(np.bool_),
+            self_padding=self._padding,
+        )
+
+    def _ancestors(self, body: int) -> set[int]:
+        found = set()
+        while body >= 0:
+            found.add(int(body))
+            body = self._tree.parents[body]
+        return found

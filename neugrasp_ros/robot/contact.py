@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled questions about contact: hull against hull, hull against points.
+
+Each goes from cheap to exact: bounding balls, bounding boxes by separating axes, then
+the hulls themselves.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from neugrasp_ros.robot.bodies import Hulls, JointTree, body_poses
+from neugrasp_ros.robot.gjk import closer_than, still_apart
+from neugrasp_ros.robot.obstacles import CELL, Obstacles
+
+FREE, SELF, SCENE = 0, 1, 2
+
+
+class Scope(NamedTuple):
+    """What one planning group can bring into contact.
+
+    Attributes:
+        pairs: Hulls whose distance it changes, those of one pair of bodies in a row,
+            shape (P, 2).
+        body_pairs: Those bodies, the base being J, shape (B, 2).
+        pair_starts: Where each body pair's hull pairs begin, shape (B + 1,).
+        movers: Hulls that it moves, shape (K,).
+        padding: Distance that each of them keeps from obstacles in [m], shape (K,).
+        hand: Which of them are its own fingers and palm, shape (K,).
+        self_padding: Distance that hulls keep from each other in [m].
+    """
+
+    pairs: NDArray[np.int64]
+    body_pairs: NDArray[np.int64]
+    pair_starts: NDArray[np.int64]
+    movers: NDArray[np.int64]
+    padding: NDArray[np.float64]
+    hand: NDArray[np.bool_]
+    self_padding: float
+
+
+class World(NamedTuple):
+    """The robot and what is around it.
+
+    Attributes:
+        tree: Its joints.
+        hulls: Its hulls.
+        body_balls: Ball around all hulls of each body, in the body frame: centre and
+            radius in [m]; the base last, shape (J + 1, 4).
+        obstacles: What is around it.
+    """
+
+    tree: JointTree
+    hulls: Hulls
+    body_balls: NDArray[np.float64]
+    obstacles: Obstacles
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _boxes_apart(d, A, a, B, b, margin):  # type: ignore[no-untyped-def]
+    """Separating-axis test of two boxes.
+
+    Args:
+        d: Vector between their centres in [m].
+        A: Axes of the first as columns, shape (3, 3).
+        a: Its half extents in [m], shape (3,).
+        B: Axes of the second.
+        b: Its half extents.
+        margin: In [m].
+    """
+    C, t = np.empty((3, 3)), np.empty(3)
+    for i in range(3):
+        t[i] = A[0, i] * d[0] + A[1, i] * d[1] + A[2, i] * d[2]
+        for j in range(3):
+            C[i, j] = A[0, i] * B[0, j] + A[1, i] * B[1, j] + A[2, i] * B[2, j]
+    for i in range(3):
+        reach = a[i] + margin
+        for j in range(3):
+            reach += b[j] * abs(C[i, j])
+        if abs(t[i]) > reach:
+            return True
+    for j in range(3):
+        reach, gap = b[j] + margin, 0.0
+        for i in range(3):
+            reach += a[i] * abs(C[i, j])
+            gap += t[i] * C[i, j]
+        if abs(gap) > reach:
+            return True
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            reach = a[i1] * abs(C[i2, j]) + a[i2] * abs(C[i1, j])
+            reach += b[j1] * abs(C[i, j2]) + b[j2] * abs(C[i, j1]) + margin
+            if abs(t[i2] * C[i1, j] - t[i1] * C[i2, j]) > reach:
+                return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _hull(hulls, rotations, positions, index):  # type: ignore[no-untyped-def]
+    """Return vertices, rotation and position of a posed hull."""
+    start, stop = hulls.vertex_starts[index], hulls.vertex_starts[index + 1]
+    body = hulls.bodies[index]
+    if body < 0:
+        body = rotations.shape[0] - 1
+    return hulls.vertices[start:stop], rotations[body], positions[body]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _place(hulls, rotations, positions, centers, axes):  # type: ignore[no-untyped-def]
+    """Write the bounding boxes' centres and axes in the base frame."""
+    for g in range(hulls.bodies.shape[0]):
+        body = hulls.bodies[g]
+        if body < 0:
+            body = rotations.shape[0] - 1
+        R = rotations[body]
+        for i in range(3):
+            centers[g, i] = positions[body, i]
+            for k in range(3):
+                centers[g, i] += R[i, k] * hulls.centers[g, k]
+            for j in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += R[i, k] * hulls.axes[g, k, j]
+                axes[g, i, j] = total
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _gap(p, q):  # type: ignore[no-untyped-def]
+    return (p[0] - q[0], p[1] - q[1], p[2] - q[2])
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _within(d, reach):  # type: ignore[no-untyped-def]
+    return d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= reach * reach
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _place_balls(world, rotations, positions, balls):  # type: ignore[no-untyped-def]
+    """Write the centres of the bodies' balls in the base frame."""
+    for body in range(balls.shape[0]):
+        R, c = rotations[body], world.body_balls[body]
+        for i in range(3):
+            balls[body, i] = (
+                positions[body, i] + R[i, 0] * c[0] + R[i, 1] * c[1] + R[i, 2] * c[2]
+            )
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
+    """Return the first pair of hulls closer than the padding, or -1."""
+    hulls, margin = world.hulls, scope.self_padding
+    rotations, positions, centers, axes, balls, splits = buffers
+    for n in range(scope.body_pairs.shape[0]):
+        a, b = scope.body_pairs[n, 0], scope.body_pairs[n, 1]
+        reach = world.body_balls[a, 3] + world.body_balls[b, 3] + margin
+        if not _within(_gap(balls[a], balls[b]), reach):
+            continue
+        for k in range(scope.pair_starts[n], scope.pair_starts[n + 1]):
+            i, j = scope.pairs[k, 0], scope.pairs[k, 1]
+            d = _gap(centers[i], centers[j])
+            if not _within(d, hulls.radii[i] + hulls.radii[j] + margin):
+                continue
+            if _boxes_apart(
+                d, axes[i], hulls.halves[i], axes[j], hulls.halves[j], margin
+            ):
+                continue
+            first = _hull(hulls, rotations, positions, i)
+            second = _hull(hulls, rotations, positions, j)
+            split = splits[k]  # what separated this pair the last time
+            if still_apart(first, second, margin, split):
+                continue
+            if closer_than(first, second, margin, d, split):
+                return k
+    return -1
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _hits_box(world, g, margin, poses, boxes):  # type: ignore[no-untyped-def]
+    """Return whether hull ``g`` is closer than the margin to a solid box."""
+    hulls, solid = world.hulls, world.obstacles.boxes
+    centers, axes = boxes
+    rotations, positions = poses
+    base, split = rotations.shape[0] - 1, np.empty(3)
+    for k in range(solid.radii.shape[0]):
+        d = _gap(centers[g], solid.centers[k])
+        reach = hulls.radii[g] + solid.radii[k] + margin
+        if not _within(d, reach):
+            continue
+        if _boxes_apart(
+            d, axes[g], hulls.halves[g], solid.axes[k], solid.halves[k], margin
+        ):
+            continue
+        first = _hull(hulls, rotations, positions, g)
+        corners = solid.vertices[solid.vertex_starts[k] : solid.vertex_starts[k + 1]]
+        second = (corners, rotations[base], positions[base])
+        if closer_than(first, second, margin, d, split):
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def point_in_hull(hulls, g, pose, point, margin):  # type: ignore[no-untyped-def]
+    """Return whether a point lies inside a posed hull whose faces move out by margin."""
+    R, p = pose
+    x, y, z = point[0] - p[0], point[1] - p[1], point[2] - p[2]
+    u = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    v = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    w = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+    for f in range(hulls.face_starts[g], hulls.face_starts[g + 1]):
+        n = hulls.faces[f]
+        if n[0] * u + n[1] * v + n[2] * w > n[3] + margin:
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
+    """Return whether an obstacle point lies in hull ``g`` grown by the margin.
+
+    Args:
+        world: Robot and obstacles.
+        g: The hull.
+        margin: In [m].
+        posed: Rotation and position of its body, centre and axes of its box.
+        held: Ball of points to pass over: centre x, y, z and radius in [m].
+    """
+    hulls, obstacles = world.hulls, world.obstacles
+    rotation, position, center, axes = posed
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for i in range(3):
+        reach = margin
+        for j in range(3):
+            reach += abs(axes[i, j]) * hulls.halves[g, j]
+        corner = center[i] - obstacles.origin[i]
+        low[i] = max(0, int(np.floor((corner - reach) / CELL)))
+        high[i] = min(
+            obstacles.cells[i] - 1, int(np.floor((corner + reach) / CELL))
+        )
+    for i in range(low[0], high[0] + 1):
+        for j in range(low[1], high[1] + 1):
+            row = (i * obstacles.cells[1] + j) * obstacles.cells[2]
+            # cells along z follow each other, and so do their points
+            start, stop = obstacles.starts[row + low[2]], 0
+            if high[2] >= low[2]:
+                stop = obstacles.starts[row + high[2] + 1]
+            for k in range(start, stop):
+                point = obstacles.points[k]
+                if held[3] > 0.0:
+                    if _within(_gap(point, held), held[3]):
+                        continue
+                if point_in_hull(hulls, g, (rotation, position), point, margin):
+                    return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def contact(world, scope, q, held, buffers):  # type: ignore[no-untyped-def]
+    """Return the first contact of a configuration.
+
+    Args:
+        world: Robot and obstacles.
+        scope: What to look at.
+        q: Configuration, shape (J,).
+        held: Ball of points that the hand carries: centre and radius in [m], (4,).
+        buffers: Scratch from ``make_buffers``.
+
+    Returns:
+        ``FREE``, ``SELF`` with the pair's number, or ``SCENE`` with the hull's.
+    """
+    rotations, positions, centers, axes, balls, _ = buffers
+    hulls = world.hulls
+    body_poses(world.tree, q, rotations, positions)
+    _place(hulls, rotations, positions, centers, axes)
+    _place_balls(world, rotations, positions, balls)
+    poses, boxes = (rotations, positions), (centers, axes)
+    pair = _first_pair(world, scope, buffers)
+    if pair >= 0:
+        return SELF, pair
+    empty = np.zeros(4)
+    for k in range(scope.movers.shape[0]):
+        g = scope.movers[k]
+        if _hits_box(world, g, scope.padding[k], poses, boxes):
+            return SCENE, g
+        if world.obstacles.points.shape[0] == 0:
+            continue
+        margin = scope.padding[k]
+        if not scope.hand[k]:
+            margin += world.obstacles.reach
+        body = hulls.bodies[g] if hulls.bodies[g] >= 0 else q.shape[0]
+        posed = (rotations[body], positions[body], centers[g], axes[g])
+        if _hits_point(world, g, margin, posed, held if scope.hand[k] else empty):
+            return SCENE, g
+    return FREE, -1
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def make_buffers(world, scope):  # type: ignore[no-untyped-def]
+    """Allocate scratch for ``contact``."""
+    joints, hulls = world.tree.parents.shape[0], world.hulls.bodies.shape[0]
+    return (
+        np.empty((joints + 1, 3, 3)),
+        np.empty((joints + 1, 3)),
+        np.empty((hulls, 3)),
+        np.empty((hulls, 3, 3)),
+        np.empty((joints + 1, 3)),
+        np.zeros((scope.pairs.shape[0], 3)),
+    )
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def contacts(world, scope, configurations, codes, which):  # type: ignore[no-untyped-def]
+    """Write the first contact of each configuration (N, J)."""
+    buffers, nothing = make_buffers(world, scope), np.zeros(4)
+    for i in range(configurations.shape[0]):
+        codes[i], which[i] = contact(world, scope, configurations[i], nothing, buffers)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def path_contacts(world, scope, starts, joints, paths, held, codes):  # type: ignore[no-untyped-def]
+    """Write the first contact along each of N paths.
+
+    Args:
+        world: Robot and obstacles.
+        scope: What to look at.
+        starts: Configurations with all other joints' values, shape (N, J).
+        joints: Where the paths' joints stand in it, shape (n,).
+        paths: Joint values, shape (N, S, n).
+        held: For each path the ball that the hand carries, shape (N, 4).
+        codes: Receives ``FREE``, ``SELF`` or ``SCENE``, shape (N,).
+    """
+    buffers, q = make_buffers(world, scope), np.empty(starts.shape[1])
+    for i in range(paths.shape[0]):
+        codes[i], q[:] = FREE, starts[i]
+        for s in range(paths.shape[1]):
+            for k in range(joints.shape[0]):
+                q[joints[k]] = paths[i, s, k]
+            codes[i], _ = contact(world, scope, q, held[i], buffers)
+            if codes[i] != FREE:
+                break
