@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from neugrasp_ros.geometry.transform import apply
 from sim_bridge.objects.model import ObjectModel, Part
@@ -71,8 +70,15 @@ def numbers(values: Sequence[float] | FloatArray) -> str:
 
 def origin_tag(T_parent_child: FloatArray) -> str:
     """Write a transform as a URDF ``origin`` tag (fixed-axis roll, pitch, yaw)."""
-    rpy = Rotation.from_matrix(T_parent_child[:3, :3]).as_euler("xyz")
-    return f'<origin xyz="{numbers(T_parent_child[:3, 3])}" rpy="{numbers(rpy)}"/>'
+    r = T_parent_child[:3, :3].tolist()
+    cosine = math.hypot(r[0][0], r[1][0])
+    pitch = math.atan2(-r[2][0], cosine)
+    if cosine > 1e-9:
+        roll, yaw = math.atan2(r[2][1], r[2][2]), math.atan2(r[1][0], r[0][0])
+    else:  # roll and yaw turn about the same axis: roll does it all
+        roll, yaw = math.atan2(-r[1][2], r[1][1]), 0.0
+    rpy = numbers((roll, pitch, yaw))
+    return f'<origin xyz="{numbers(T_parent_child[:3, 3])}" rpy="{rpy}"/>'
 
 
 def box_tag(half_extents: Sequence[float] | FloatArray) -> str:

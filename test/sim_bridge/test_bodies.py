@@ -2,6 +2,8 @@
 import xml.etree.ElementTree as ET
 
 import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
 from sim_shapes import model_of
 
 from neugrasp_ros.geometry.transform import (
@@ -10,7 +12,12 @@ from neugrasp_ros.geometry.transform import (
     to_position_quaternion,
     translation,
 )
-from sim_bridge.bodies import pose_tuple, transform_from, write_object_urdf
+from sim_bridge.bodies import (
+    origin_tag,
+    pose_tuple,
+    transform_from,
+    write_object_urdf,
+)
 from sim_bridge.objects.model import Part
 
 
@@ -53,3 +60,13 @@ def test_a_urdf_has_one_element_per_primitive_and_one_mesh_for_all_hulls(tmp_pat
     assert vertices[:, 0].max() == 0.12
     used = {int(i) for line in lines if line[0] == "f" for i in line.split()[1:]}
     assert used == set(range(1, 17))
+
+
+@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])
+def test_origins_hold_for_any_rotation_gimbal_lock_included(pitch):
+    matrix = Rotation.from_euler("xyz", [0.4, pitch, -1.1]).as_matrix()
+    tag = ET.fromstring(origin_tag(make_transform(matrix, np.zeros(3))))
+    angles = [float(value) for value in tag.get("rpy").split()]
+    np.testing.assert_allclose(
+        Rotation.from_euler("xyz", angles).as_matrix(), matrix, atol=1e-7
+    )
