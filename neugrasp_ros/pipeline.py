@@ -145,6 +145,7 @@ class GraspPlanner:
                     planes,
                     volume.distances,
                     float(volume.size[0]),
+                    self._threads,
                 )
             self._encoded = EncodedScene(revision, volume, planes, field, queries)
             return self._encoded

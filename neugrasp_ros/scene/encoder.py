@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from neugrasp_ros.config import NetworkConfig
+from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.registry import Registry
 from neugrasp_ros.scene.unet import UNet
 
@@ -41,6 +42,20 @@ def volume_channels(distances: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.stack([signed, free, unknown], axis=-4).astype(np.float32)
 
 
+def _check_sizes(config: NetworkConfig) -> None:
+    if config.resolution % config.plane_resolution:
+        raise ConfigError(
+            f"plane_resolution must divide resolution {config.resolution}, "
+            f"got {config.plane_resolution}"
+        )
+    coarsest = 2 ** (config.unet_depth - 1)
+    if config.plane_resolution % coarsest:
+        raise ConfigError(
+            f"plane_resolution must be a multiple of {coarsest} for a U-Net of "
+            f"unet_depth {config.unet_depth}, got {config.plane_resolution}"
+        )
+
+
 @ENCODERS.register("voxel")
 class VoxelEncoder(nn.Module):
     """Volume to planes to one shared U-Net (method sheet, c2).
@@ -52,11 +67,17 @@ class VoxelEncoder(nn.Module):
 
     Args:
         config: The network's shape.
+
+    Raises:
+        ConfigError: If the planes do not divide the volume, or the U-Net's levels do
+            not divide the planes.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
+        """Build the configured stem and the U-Net."""
         super().__init__()
         self.config = config
+        _check_sizes(config)
         channels = config.channels
         if config.stem == "conv3d":
             self.stem: nn.Module = nn.Conv3d(INPUT_CHANNELS, channels, 3, padding=1)

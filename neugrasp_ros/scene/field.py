@@ -6,8 +6,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from neugrasp_ros.errors import ShapeError
 from neugrasp_ros.geometry.grid import ScalarGrid
 from neugrasp_ros.scene.encoder import FREE_ABOVE
+from neugrasp_ros.scene.grid_decoder import (
+    decode_on_grid,
+    pack_weights,
+    project_planes,
+)
 from neugrasp_ros.scene.network import SceneNetwork
 
 FREE_LOGIT = -8.0  # what is not asked because it was seen to be free
@@ -21,6 +27,7 @@ def evaluate_field(
     planes: Tensor,
     distances: NDArray[np.float32],
     edge: float,
+    threads: int = 1,
 ) -> tuple[ScalarGrid, int]:
     """Evaluate one scene's occupancy logits, coarse to fine.
 
@@ -33,35 +40,55 @@ def evaluate_field(
         distances: The volume that was encoded, NaN = never observed, shape (D, D, D)
             with even D.
         edge: Edge of the cube in [m].
+        threads: Worker threads.
 
     Returns:
         Logits on the volume's grid, positive inside, and the number of points that
         the network was asked for.
+
+    Raises:
+        ShapeError: If the volume is not a cube of an even number of voxels per edge.
     """
     size = distances.shape[0]
+    if distances.shape != (size,) * 3 or size % 2:
+        raise ShapeError("distances", "(D, D, D) with even D", distances.shape)
     free = np.nan_to_num(distances, nan=-1.0) >= FREE_ABOVE
     half = size // 2
     blocks = free.reshape(half, 2, half, 2, half, 2)
     free_blocks = blocks.all(axis=(1, 3, 5))
+    ask = _Decoder(network, planes, threads)
     coarse = np.full((half,) * 3, FREE_LOGIT, dtype=np.float32)
     index = np.argwhere(~free_blocks)
-    coarse[tuple(index.T)] = _ask(network, planes, (index + 0.5) / half)
+    coarse[tuple(index.T)] = ask(index, half)
     undecided = _undecided(coarse) & ~free_blocks
 
     fine = _upsample(coarse)
-    ask = np.repeat(np.repeat(np.repeat(undecided, 2, 0), 2, 1), 2, 2) & ~free
-    index_fine = np.argwhere(ask)
-    fine[tuple(index_fine.T)] = _ask(network, planes, (index_fine + 0.5) / size)
+    wanted = np.repeat(np.repeat(np.repeat(undecided, 2, 0), 2, 1), 2, 2) & ~free
+    index_fine = np.argwhere(wanted)
+    fine[tuple(index_fine.T)] = ask(index_fine, size)
     fine[free] = FREE_LOGIT
     return ScalarGrid(fine, edge / size), len(index) + len(index_fine)
 
 
-def _ask(
-    network: SceneNetwork, planes: Tensor, points: NDArray[np.float64]
-) -> NDArray[np.float32]:
-    query = torch.from_numpy(points.astype(np.float32)).to(planes.device)[None]
-    logits = network.occupancy_chunked(planes, query)[0]
-    return logits.clamp(-LOGIT_LIMIT, LOGIT_LIMIT).cpu().numpy()
+class _Decoder:
+    """Asks the network at grid samples; on a CPU by the compiled decoder."""
+
+    def __init__(self, network: SceneNetwork, planes: Tensor, threads: int) -> None:
+        self._network, self._planes, self._threads = network, planes, threads
+        on_cpu = planes.device.type == "cpu"
+        self._weights = pack_weights(network.decoder) if on_cpu else None
+
+    def __call__(self, index: NDArray[np.int64], size: int) -> NDArray[np.float32]:
+        """Return clipped logits at samples (N, 3) of a grid with ``size`` per edge."""
+        if self._weights is not None and size >= self._planes.shape[-1]:
+            table = project_planes(self._network.decoder, self._planes, size)
+            logits = decode_on_grid(self._weights, table, index, self._threads)
+        else:
+            points = torch.from_numpy(((index + 0.5) / size).astype(np.float32))
+            query = points[None].to(self._planes.device)
+            logits = self._network.occupancy_chunked(self._planes, query)[0]
+            logits = logits.cpu().numpy()
+        return np.clip(logits, -LOGIT_LIMIT, LOGIT_LIMIT)
 
 
 def _undecided(coarse: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -84,13 +111,10 @@ def _upsample(coarse: NDArray[np.float32]) -> NDArray[np.float32]:
     """Double the resolution by linear interpolation between sample centres."""
     out = coarse
     for axis in range(3):
-        before = np.concatenate(
-            [out.take([0], axis=axis), out], axis=axis
-        ).take(range(out.shape[axis]), axis=axis)
-        after = np.concatenate(
-            [out, out.take([-1], axis=axis)], axis=axis
-        ).take(range(1, out.shape[axis] + 1), axis=axis)
-        pair = np.stack([0.75 * out + 0.25 * before, 0.75 * out + 0.25 * after], axis + 1)
+        last = out.shape[axis] - 1
+        before = out.take(np.maximum(np.arange(last + 1) - 1, 0), axis=axis)
+        after = out.take(np.minimum(np.arange(last + 1) + 1, last), axis=axis)
+        pair = np.stack([3 * out + before, 3 * out + after], axis + 1) / 4
         shape = list(out.shape)
         shape[axis] *= 2
         out = pair.reshape(shape)

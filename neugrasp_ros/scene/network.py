@@ -22,6 +22,7 @@ class SceneNetwork(nn.Module):
     """
 
     def __init__(self, config: NetworkConfig) -> None:
+        """Build the configured encoder and the decoder."""
         super().__init__()
         self.config = config
         self.encoder = ENCODERS[config.encoder](config)
@@ -43,6 +44,6 @@ class SceneNetwork(nn.Module):
 
     @torch.no_grad()
     def occupancy_chunked(self, planes: Tensor, points: Tensor) -> Tensor:
-        """Like ``occupancy`` for one scene (1, N, 3), in chunks and without gradients."""
+        """Like ``occupancy`` for one scene (1, N, 3), in chunks, without gradients."""
         parts = [self.occupancy(planes, part) for part in points.split(CHUNK, dim=1)]
         return torch.cat(parts, dim=1)

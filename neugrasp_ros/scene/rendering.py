@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The implicit scene seen by virtual cameras: a completed surface (paper, scene render).
+"""The implicit scene seen by virtual cameras: a completed surface.
 
 In: the occupancy field. Out: surface points with outward normals in the task frame.
 """
@@ -78,4 +78,4 @@ def thin(points: FloatArray, spacing: float) -> FloatArray:
     cells = np.floor(points / spacing).astype(np.int64) + 1024
     keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
     _, first = np.unique(keys, return_index=True)
-    return points[np.sort(first)]
+    return np.asarray(points[np.sort(first)])

@@ -129,6 +129,8 @@ def quality_logits(network: GraspNetwork, planes: Tensor, batch: GraspBatch) -> 
 class QualityStage:
     """The detector alone, on a scene network that stays as it is.
 
+    Each view is encoded once, when it is first drawn.
+
     Args:
         network: The network; only its detector gets gradients.
         cache: Grasp entries.
@@ -141,21 +143,30 @@ class QualityStage:
         self.network = network
         self._cache = cache
         self.config = config
+        self._planes: dict[int, Tensor] = {}
 
-    def draw(self, step: int) -> GraspBatch:
-        """Draw the batch of a step; it depends on the seed and the step."""
+    def draw(self, step: int) -> tuple[list[int], GraspBatch]:
+        """Draw the entries and the batch of a step, by the seed and the step."""
         rng = np.random.default_rng([self.config.seed, step, 1])
-        chosen = rng.integers(len(self._cache), size=self.config.scenes_per_step)
+        size = self.config.scenes_per_step
+        chosen = rng.integers(len(self._cache), size=size).tolist()
         entries = [self._cache.entries[i] for i in chosen]
-        return make_batch(entries, self.config.grasps_per_scene, rng)
+        return chosen, make_batch(entries, self.config.grasps_per_scene, rng)
 
     def __call__(self, step: int) -> dict[str, Tensor]:
         """Return the loss of a step."""
-        batch = self.draw(step)
-        with torch.no_grad():
-            planes = self.network.scene.encode(batch.volumes)
+        chosen, batch = self.draw(step)
+        planes = torch.stack(
+            [self._encoded(i, batch.volumes[row]) for row, i in enumerate(chosen)]
+        )
         logits = quality_logits(self.network, planes, batch)
         return {"quality": self.config.w_quality * bce(logits, batch.labels)}
+
+    @torch.no_grad()
+    def _encoded(self, index: int, volume: Tensor) -> Tensor:
+        if index not in self._planes:
+            self._planes[index] = self.network.scene.encode(volume[None])[0].half()
+        return self._planes[index].float()
 
 
 class JointStage(QualityStage):
@@ -180,7 +191,7 @@ class JointStage(QualityStage):
 
     def __call__(self, step: int) -> dict[str, Tensor]:
         """Return the losses of a step."""
-        batch = self.draw(step)
+        _, batch = self.draw(step)
         planes = self.network.scene.encode(batch.volumes)
         logits = quality_logits(self.network, planes, batch)
         local = self.network.scene.occupancy(planes, batch.local_points)

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``neugrasp train``: from labelled shards to weights."""
+
+import argparse
+import json
+import logging
+import os
+from dataclasses import replace
+from pathlib import Path
+
+
+def add_parser(
+    subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    """Add the command and its options."""
+    parser = subparsers.add_parser(
+        "train", help="train on labelled shards; also under torchrun"
+    )
+    parser.add_argument("--data", help="folders of training shards, comma separated")
+    parser.add_argument("--tune", type=Path, help="folder of shards to calibrate on")
+    parser.add_argument("--out", type=Path, default=Path("runs/train"))
+    parser.add_argument("--weights", type=Path, help="default: OUT/neugrasp.safetensors")
+    parser.add_argument("--network", default="cpu", choices=("cpu", "paper"))
+    parser.add_argument(
+        "--steps", help="steps of the stages, such as occupancy=3600,joint=600"
+    )
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument(
+        "--smoke", action="store_true", help="overfit four scenes in about a minute"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train, write the weights, print the card."""
+    from neugrasp_ros.config import CPU_NETWORK, PAPER_NETWORK
+    from neugrasp_ros.errors import ConfigError
+    from neugrasp_ros.training.run import DEFAULT_STAGES, TrainingRun, train
+    from neugrasp_ros.training.smoke import smoke_test
+
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    if args.smoke:
+        figures = smoke_test(args.out, args.seed)
+        print(json.dumps(figures, indent=1))
+        return 0 if figures["learned"] else 1
+    if not args.data or not args.tune:
+        raise ConfigError("train needs --data and --tune (`neugrasp datagen`), or --smoke")
+    steps = dict(item.split("=") for item in (args.steps or "").split(",") if item)
+    unknown = set(steps) - {stage.stage for stage in DEFAULT_STAGES}
+    if unknown:
+        raise ConfigError(f"--steps: unknown stages {sorted(unknown)}")
+    stages = tuple(
+        replace(stage, seed=args.seed, steps=int(steps.get(stage.stage, stage.steps)))
+        for stage in DEFAULT_STAGES
+    )
+    card = train(
+        TrainingRun(
+            train=tuple(Path(folder) for folder in args.data.split(",")),
+            tune=args.tune,
+            folder=args.out,
+            weights=args.weights or args.out / "neugrasp.safetensors",
+            network=PAPER_NETWORK if args.network == "paper" else CPU_NETWORK,
+            stages=stages,
+            workers=args.workers,
+        )
+    )
+    print(json.dumps(card, indent=1))
+    return 0
