@@ -58,6 +58,7 @@ class DepthFusion:
         self._now = now
         self._changed = threading.Condition(threading.RLock())
         self._camera: Intrinsics | None = None
+        self._no_camera = ""  # why the camera info that came is of no use
         self._pending: deque[Image] = deque()
         self._problem: DetectionError | None = None
         self._newest = 0  # stamp of the newest image that came [ns]
@@ -96,12 +97,11 @@ class DepthFusion:
         try:
             camera = read_intrinsics(info)
         except ConfigError as error:
-            self._refuse(DetectionError(Code.NO_CAMERA_INFO, str(error)))
+            with self._changed:
+                self._camera, self._no_camera = None, str(error)
             return
         with self._changed:
             self._camera = camera
-            if self._problem and self._problem.code is Code.NO_CAMERA_INFO:
-                self._problem = None
 
     def on_depth(self, image: Image) -> bool:
         """Take a depth image; tell whether the volume has changed."""
@@ -116,6 +116,13 @@ class DepthFusion:
             if not config.integrating or early:
                 return False
             self._taken = stamp
+            if self._camera is None:
+                return self._refuse(
+                    DetectionError(
+                        Code.NO_CAMERA_INFO,
+                        self._no_camera or "no depth/camera_info has come yet",
+                    )
+                )
             self._pending.append(image)
             while len(self._pending) > config.tf_queue:
                 self._drop()
@@ -155,10 +162,6 @@ class DepthFusion:
         return False
 
     def _fuse(self, image: Image, T_frame_camera: FloatArray) -> bool:
-        if self._camera is None:
-            return self._refuse(
-                DetectionError(Code.NO_CAMERA_INFO, "no depth/camera_info has come yet")
-            )
         try:
             depth = self._clean(read_depth(image))
         except DepthImageError as error:

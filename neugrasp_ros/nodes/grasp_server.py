@@ -166,8 +166,10 @@ class GraspServerNode(Node):
             f"{Code(report.code).name}: {report.message} "
             f"({report.sampled} sampled, {report.seconds_total:.2f} s)"
         )
-        good = report.code == Code.NONE
-        (self.get_logger().info if good else self.get_logger().warning)(line)
+        if report.code == Code.NONE:
+            self.get_logger().info(line)
+        else:
+            self.get_logger().warning(line)
 
     def _on_list(
         self, _: ListAffordances.Request, response: ListAffordances.Response

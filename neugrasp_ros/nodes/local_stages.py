@@ -62,6 +62,7 @@ class LocalStages(Stages):
     ) -> Staged:
         """Propose candidates."""
         self.evaluator.remember(view)
+        self.reach.remember(view)
         return self.renderer.sample(view, roi, wanted.max_candidates, wanted.seed)
 
     def evaluate(self, grasps: GraspList, view: SceneView, deadline: float) -> Staged:

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grasps and workspace as markers: what a person sees in RViz."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
@@ -19,8 +22,17 @@ JAW_LINE = 0.002  # [m]
 WRIST_LENGTH = 0.04  # [m], the stub behind the palm
 UNSCORED = (0.5, 0.5, 0.5)
 WORKSPACE_COLOR = (0.2, 0.5, 1.0)
+OBJECT_COLOR = (0.8, 0.6, 0.3)
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 CUBE_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+
+
+class LabelledBox(NamedTuple):
+    """A box with a name: pose of its centre (4, 4), full edges in [m] (3,)."""
+
+    name: str
+    T_frame_box: FloatArray
+    size: FloatArray
 
 
 def quality_color(quality: float) -> tuple[float, float, float]:
@@ -103,3 +115,22 @@ def _points(values: FloatArray) -> list[Point]:
 
 def _color(color: tuple[float, float, float]) -> ColorRGBA:
     return ColorRGBA(r=color[0], g=color[1], b=color[2], a=1.0)
+
+
+def box_markers(
+    boxes: Sequence[LabelledBox], frame_id: str, stamp: Time
+) -> MarkerArray:
+    """Return named boxes, each one marker whose pose is the box's own frame."""
+    clear = _marker(frame_id, stamp, "objects", 0)
+    clear.action = Marker.DELETEALL
+    markers = [clear]
+    for number, box in enumerate(boxes):
+        marker = _marker(frame_id, stamp, "objects", number)
+        marker.type = Marker.CUBE
+        marker.pose = to_pose(box.T_frame_box)
+        marker.scale.x, marker.scale.y, marker.scale.z = box.size.tolist()
+        marker.color = _color(OBJECT_COLOR)
+        marker.color.a = 0.5
+        marker.text = box.name
+        markers.append(marker)
+    return MarkerArray(markers=markers)

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What ``reachability_filter`` does, without its topics."""
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from neugrasp_msgs.msg import Grasp
 from numpy.typing import NDArray
 
-from neugrasp_ros.errors import ConfigError
-from neugrasp_ros.geometry.transform import flip_gripper
+from neugrasp_ros.errors import ConfigError, RobotModelError
+from neugrasp_ros.fusion.tsdf import seen_surface
+from neugrasp_ros.geometry.transform import apply, flip_gripper
 from neugrasp_ros.nodes.grasp_list import STAGE_REACHABLE, GraspList, Reach
 from neugrasp_ros.nodes.params import LiveConfig
+from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import ReachConfig
 from neugrasp_ros.nodes.transforms import Transforms
 
@@ -37,33 +40,48 @@ class Checker(Protocol):
         T_base_grippers: FloatArray,
         arms: tuple[str, ...],
         start: Mapping[str, float],
-    ) -> Reach:
-        """Check poses (G, 4, 4) for any of the arms, from joint values by name."""
+        points: FloatArray | None,
+    ) -> "Checked":
+        """Check poses for any of the arms.
+
+        Args:
+            T_base_grippers: Gripper poses, shape (G, 4, 4).
+            arms: Planning groups to try.
+            start: Present joint values by name.
+            points: Surface of the scene in the base frame (M, 3), None = unknown.
+        """
 
     def tcp_frame(self, arm: str) -> str:
         """Return the TF frame of an arm's TCP."""
 
 
+class Checked(NamedTuple):
+    """What the robot makes of grasps, and which of them it takes half-turned (G,)."""
+
+    reach: Reach
+    flipped: NDArray[np.bool_]
+
+
 MakeChecker = Callable[[ReachConfig], Checker]
 
 
-class ArmChecker:
-    """Inverse kinematics within joint limits, for several arms and both twins.
+class RobotChecker:
+    """The robot's own reachability check behind the node's interface.
 
     Args:
-        config: Robot and arms.
+        config: Robot, arms and limits.
     """
 
     def __init__(self, config: ReachConfig) -> None:
-        from neugrasp_ros.robot.kinematics import ArmKinematics
         from neugrasp_ros.robot.model import load_robot
+        from neugrasp_ros.robot.reachability import ReachabilityChecker
 
-        robot = load_robot(config.robot)
-        self._robot = robot
-        self._arms = {arm: ArmKinematics(robot, arm) for arm in config.arms}
-        self.base_frame = robot.description.base_frame
-        self.joint_names = robot.joint_names
-        self.arms = tuple(self._arms)
+        self._robot = load_robot(config.robot)
+        self._checker = ReachabilityChecker(self._robot, config, config.ik)
+        self._lock = threading.Lock()
+        self.base_frame = self._robot.description.base_frame
+        self.joint_names = self._robot.joint_names
+        self.arms = tuple(self._checker.arms)
 
     def tcp_frame(self, arm: str) -> str:
         """Return the TF frame of an arm's TCP."""
@@ -74,37 +92,26 @@ class ArmChecker:
         T_base_grippers: FloatArray,
         arms: tuple[str, ...],
         start: Mapping[str, float],
-    ) -> Reach:
-        """Check poses (G, 4, 4) for the arms in their order; the best wins.
+        points: FloatArray | None,
+    ) -> Checked:
+        """Check poses (G, 4, 4), see ``Checker``."""
+        from neugrasp_ros.robot.obstacles import make_obstacles
 
-        Among the solutions of a grasp the one with the largest manipulability is
-        returned.
-        """
-        count = len(T_base_grippers)
+        obstacles = None if points is None else make_obstacles(points)
         q_start = self._robot.configuration(start, default=self._robot.home)
-        codes = np.full(count, Grasp.REACH_NO_IK, dtype=np.uint8)
-        best, names = np.full(count, np.nan), [""] * count
-        joints = [np.zeros(0)] * count
-        for arm in arms:
-            kinematics = self._arms[arm]
-            for poses in (T_base_grippers, flip_gripper(T_base_grippers)):
-                near = q_start[kinematics.indices]
-                found = kinematics.solve(poses, near=near)
-                value = kinematics.manipulability(found.q)
-                for row in np.flatnonzero(found.reached):
-                    if names[row] and value[row] <= best[row]:
-                        continue
-                    q = q_start.copy()
-                    q[kinematics.indices] = found.q[row]
-                    best[row], names[row], joints[row] = value[row], arm, q
-                    codes[row] = Grasp.REACH_OK
-                missed = codes != Grasp.REACH_OK
-                if missed.any():
-                    beyond = kinematics.reaches_beyond_limits(poses[missed])
-                    codes[np.flatnonzero(missed)[beyond]] = Grasp.REACH_LIMITS
-        return Reach(
-            codes=codes, arms=tuple(names), manipulability=best, joints=tuple(joints)
+        with self._lock:
+            result = self._checker.check(
+                T_base_grippers, arms=arms, start=q_start, obstacles=obstacles
+            )
+        rows = range(len(result))
+        nothing = np.zeros(0)
+        reach = Reach(
+            codes=result.codes.astype(np.uint8),
+            arms=tuple(result.arm_of(row) for row in rows),
+            manipulability=result.manipulability,
+            joints=tuple(result.q[r] if result.reachable[r] else nothing for r in rows),
         )
+        return Checked(reach, result.flipped & result.reachable)
 
 
 def load_checker(config: ReachConfig) -> Checker:
@@ -113,7 +120,11 @@ def load_checker(config: ReachConfig) -> Checker:
     Raises:
         NeuGraspError: If its description, a group or a frame is missing.
     """
-    return ArmChecker(config)
+    checker = RobotChecker(config)
+    unknown = sorted(set(config.arms) - set(checker.arms))
+    if unknown:
+        raise RobotModelError("arm", unknown[0], checker.arms)
+    return checker
 
 
 class ReachStage:
@@ -137,6 +148,11 @@ class ReachStage:
         self._config = config
         self._transforms = transforms
         self._joints = joints
+        self._view: SceneView | None = None
+
+    def remember(self, view: SceneView) -> None:
+        """Take the newest scene as what the robot must not hit."""
+        self._view = view
 
     def check(
         self,
@@ -162,11 +178,14 @@ class ReachStage:
             )
         info = grasps.info
         T = self._transforms(self._checker.base_frame, info.frame_id, info.stamp)
-        reach = self._checker.check(
+        checked = self._checker.check(
             T @ grasps.grasps.poses,
             arms or self._config.current.arms,
             start or self._joints(),
+            self._obstacles(),
         )
+        reach, poses = checked.reach, grasps.grasps.poses
+        poses = np.where(checked.flipped[:, None, None], flip_gripper(poses), poses)
         best_arm = next((arm for arm in reach.arms if arm), "")
         info = replace(
             info,
@@ -174,7 +193,17 @@ class ReachStage:
             joint_names=self._checker.joint_names,
             tcp_frame=self._checker.tcp_frame(best_arm) if best_arm else info.tcp_frame,
         )
-        return replace(grasps, info=info, reach=reach)
+        turned = replace(grasps.grasps, poses=poses)
+        return replace(grasps, info=info, grasps=turned, reach=reach)
+
+    def _obstacles(self) -> FloatArray | None:
+        """Return the seen surface in the robot's base frame, None without a scene."""
+        view = self._view
+        if view is None:
+            return None
+        T = self._transforms(self._checker.base_frame, view.frame_id, view.stamp)
+        points, _ = seen_surface(view.volume)
+        return apply(T @ view.T_frame_task, points)
 
     @staticmethod
     def reached(grasps: GraspList) -> NDArray[np.bool_]:

@@ -2,11 +2,10 @@
 """Node ``reachability_filter``: which scored grasps the robot reaches, and with what."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped
-from neugrasp_msgs.msg import GraspArray
+from neugrasp_msgs.msg import GraspArray, TsdfVolume
 from neugrasp_msgs.srv import CheckReachability
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import Executor
@@ -18,6 +17,7 @@ from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener
 from neugrasp_ros.nodes.conversions import (
     from_grasp_array,
+    from_tsdf,
     to_best_pose,
     to_grasp_array,
     to_pose_array,
@@ -46,7 +46,7 @@ class ReachabilityFilterNode(Node):
     ) -> None:
         """Load the robot, then wire topics and services."""
         super().__init__(NAME, **node_options)
-        self._config = declare_config(self, ReachConfig)
+        self._config = declare_config(self, ReachConfig, read_only=True)
         config = self._config.current
         self._gripper = load_gripper(config.gripper)
         self._joints: dict[str, float] = {}
@@ -64,6 +64,7 @@ class ReachabilityFilterNode(Node):
             (GraspArray, "grasps/scored", self._on_scored, newest()),
             (GraspArray, "grasps/answered", self.publish, newest()),
             (JointState, "joint_states", self._on_joints, sensor_input(1)),
+            (TsdfVolume, "tsdf", self._on_tsdf, latched()),
         ):
             self.create_subscription(
                 kind,
@@ -94,6 +95,9 @@ class ReachabilityFilterNode(Node):
     def _on_joints(self, state: JointState) -> None:
         known = dict(zip(state.name, state.position, strict=False))
         self._joints = {**self._joints, **known}
+
+    def _on_tsdf(self, message: TsdfVolume) -> None:
+        self.stage.remember(from_tsdf(message))
 
     def _on_scored(self, message: GraspArray) -> None:
         if self._config.current.streaming:
@@ -127,7 +131,7 @@ class ReachabilityFilterNode(Node):
                 zip(request.start_state.name, request.start_state.position, strict=True)
             )
             checked = self.stage.check(grasps, tuple(request.arms), start)
-            response.grasps = to_grasp_array(replace(checked))
+            response.grasps = to_grasp_array(checked)
 
         return answer(self, response, work)
 

@@ -26,13 +26,6 @@ MALLOPT = {  # glibc: option -> bytes; keeps megabyte messages off mmap
     -1: 256 << 20,  # M_TRIM_THRESHOLD
     -2: 64 << 20,  # M_TOP_PAD
 }
-LEVELS = {
-    logging.DEBUG: "debug",
-    logging.INFO: "info",
-    logging.WARNING: "warning",
-    logging.ERROR: "error",
-    logging.CRITICAL: "fatal",
-}
 START_ERROR = 1  # exit code of a node that cannot start
 
 
@@ -74,12 +67,20 @@ class _RosHandler(logging.Handler):
         self._logger = get_logger(name)
 
     def emit(self, record: logging.LogRecord) -> None:
-        level = LEVELS.get(record.levelno, "info")
-        getattr(self._logger, level)(self.format(record))
+        line = self.format(record)
+        # one call per level: rclpy binds a level to the place it is called from
+        if record.levelno >= logging.ERROR:
+            self._logger.error(line)
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(line)
+        elif record.levelno >= logging.INFO:
+            self._logger.info(line)
+        else:
+            self._logger.debug(line)
 
 
 def forward_library_logs(name: str) -> None:
-    """Send log records of ``neugrasp_ros`` and ``sim_bridge`` to the logger ``name``."""
+    """Send the log records of our packages to the ROS logger ``name``."""
     for package in ("neugrasp_ros", "sim_bridge"):
         logger = logging.getLogger(package)
         logger.handlers = [_RosHandler(name)]

@@ -8,6 +8,7 @@ from typing import Any
 from neugrasp_ros.config import Checked, option
 from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.nodes.params import fixed
+from neugrasp_ros.robot.settings import IkConfig, ReachabilityConfig
 
 Triple = tuple[float, float, float]
 
@@ -25,7 +26,7 @@ class WorkspaceConfig(Checked):
     """The cube in which grasps are sought; its lower corner is the task frame."""
 
     frame: str = option("base_footprint", "TF frame that the workspace is given in")
-    origin: Triple = option((0.5, -0.15, 0.7), "Lower corner in that frame [m]")
+    origin: Triple = option((0.4, -0.15, 0.65), "Lower corner in that frame [m]")
     rpy: Triple = option((0.0, 0.0, 0.0), "Its roll, pitch, yaw [rad]")
     size: Triple = fixed(option((0.3, 0.3, 0.3), "Edges along x, y, z [m]"))
 
@@ -169,17 +170,18 @@ class EvaluatorConfig(SelectionConfig, SupportConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReachConfig(Checked):
-    """Parameters of ``reachability_filter`` beside those of the check."""
+class ReachConfig(ReachabilityConfig):
+    """Parameters of ``reachability_filter``, all read-only after start."""
 
     streaming: bool = option(True, "Check every new list of scored grasps")
-    robot: str = fixed(option("tiago_dual", "Robot's name or its YAML file"))
-    gripper: str = fixed(option("robotiq_2f85", "Gripper's name or its YAML file"))
-    arms: tuple[str, ...] = fixed(
-        option(("arm_left_torso", "arm_right_torso"), "Planning groups to try")
+    robot: str = option("tiago_dual", "Robot's name or its YAML file")
+    gripper: str = option("robotiq_2f85", "Gripper's name or its YAML file")
+    arms: tuple[str, ...] = option(
+        ("arm_left_torso", "arm_right_torso"), "Planning groups to try"
     )
     max_grasps: int = option(512, "Grasps checked of one list", 1, 4096)
     keep_unreachable: bool = option(False, "Publish them too, marked and last")
+    ik: IkConfig = part(IkConfig, "Inverse kinematics")
 
 
 @dataclass(frozen=True, kw_only=True)

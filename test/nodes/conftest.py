@@ -1,35 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS for tests: loopback only, a domain of its own, waiting on conditions."""
+"""Nodes spinning in the background, and waiting on conditions."""
 
-import os
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
-
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ.pop("ROS_LOCALHOST_ONLY", None)
-
-DOMAINS = range(20, 100)
-LOCK_PORT = 31000  # port of domain 0's lock; a bound socket reserves a domain
-
-
-@pytest.fixture(scope="session")
-def domain() -> Iterator[int]:
-    for candidate in DOMAINS:
-        lock = socket.socket()
-        try:
-            lock.bind(("127.0.0.1", LOCK_PORT + candidate))
-        except OSError:
-            lock.close()
-            continue
-        os.environ["ROS_DOMAIN_ID"] = str(candidate)
-        yield candidate
-        lock.close()
-        return
-    raise RuntimeError("all test domains are taken")
 
 
 @pytest.fixture(scope="session")

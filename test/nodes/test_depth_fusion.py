@@ -126,6 +126,7 @@ def test_an_uncalibrated_camera_says_so():
     info = camera_info()
     info.k, info.p = [0.0] * 9, [0.0] * 12
     rig.fusion.on_camera_info(info)
+    rig.shoot()
     assert "not calibrated" in rig.reason().sentence
 
 

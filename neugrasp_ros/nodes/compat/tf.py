@@ -6,6 +6,7 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from neugrasp_ros.geometry.transform import pose_from
+from neugrasp_ros.nodes.compat.tf_message import to_transform
 
 try:
     from tf2_ros import (
@@ -34,6 +35,7 @@ __all__ = [
     "TransformException",
     "TransformListener",
     "from_transform",
+    "to_transform",
 ]
 
 

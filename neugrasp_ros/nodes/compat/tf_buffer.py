@@ -21,12 +21,8 @@ from rclpy.time import Time
 from scipy.spatial.transform import Rotation, Slerp
 from tf2_msgs.msg import TFMessage
 
-from neugrasp_ros.geometry.transform import (
-    invert,
-    make_transform,
-    pose_from,
-    to_position_quaternion,
-)
+from neugrasp_ros.geometry.transform import invert, make_transform, pose_from
+from neugrasp_ros.nodes.compat.tf_message import to_transform
 
 CACHE_TIME = 10.0  # [s], as in tf2
 MAX_DEPTH = 1000  # links; a longer chain is a loop
@@ -248,23 +244,6 @@ def _sample(transform: TransformStamped) -> _Sample:
     if not np.isfinite(pose).all() or not any(pose[3:]):
         raise InvalidArgumentException(f"transform of {child!r} is not a pose: {pose}")
     return _Sample(Time.from_msg(transform.header.stamp).nanoseconds, parent, pose)
-
-
-def to_transform(
-    T_parent_child: FloatArray, parent: str, child: str, stamp: int
-) -> TransformStamped:
-    """Return a pose, shape (4, 4), as a message stamped ``stamp`` [ns]."""
-    position, quaternion = to_position_quaternion(T_parent_child)
-    message = TransformStamped(child_frame_id=child)
-    message.header.frame_id = parent
-    message.header.stamp = Time(nanoseconds=stamp).to_msg()
-    for target, values in (
-        (message.transform.translation, position),
-        (message.transform.rotation, quaternion),
-    ):
-        for axis, value in zip("xyzw", values, strict=False):
-            setattr(target, axis, float(value))
-    return message
 
 
 class TransformListener:

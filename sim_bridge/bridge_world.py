@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A world that lives: physics in a thread of its own, at the pace of real time.
+
+Only that thread touches the engine. Others hand it jobs and read snapshots.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp_ros.errors import UnknownNameError
+from neugrasp_ros.geometry.gripper import Gripper
+from sim_bridge.gripper import SimGripper
+from sim_bridge.objects.model import ObjectModel
+from sim_bridge.objects.registry import ObjectSet, object_set, split
+from sim_bridge.scene import SCENE_KINDS
+from sim_bridge.scenes import build_scene
+from sim_bridge.trial import TRIAL_PRESETS, run_trial
+from sim_bridge.trial_result import TrialResult
+from sim_bridge.vgn_trial import VgnRules
+from sim_bridge.world import TIME_STEP, World
+
+FloatArray = NDArray[np.float64]
+
+PACE_STEPS = 4  # physics steps between two looks at the wall clock
+STEP_NS = round(TIME_STEP * 1e9)
+LARGEST_LAG = 0.25  # [s]; a longer one is given up, not caught up
+KINDS = (*SCENE_KINDS, "affordance")
+
+
+class Snapshot(NamedTuple):
+    """Where everything was at one time.
+
+    Attributes:
+        time: Simulated time in [ns].
+        names: Names of the objects.
+        models: Their models.
+        poses: Their poses ``T_task_object``, shape (B, 4, 4).
+    """
+
+    time: int
+    names: tuple[str, ...]
+    models: tuple[ObjectModel, ...]
+    poses: FloatArray
+
+
+class _PacedWorld(World):
+    """A world that reports every few steps."""
+
+    def __init__(self, on_steps: Callable[[int], None]) -> None:
+        self._on_steps = on_steps
+        super().__init__(sleeping=True)
+
+    def step(self, count: int = 1) -> None:
+        """Advance time, a few steps at a time."""
+        for start in range(0, count, PACE_STEPS):
+            steps = min(PACE_STEPS, count - start)
+            super().step(steps)
+            self._on_steps(steps)
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeScenes:
+    """Which objects scenes are made of.
+
+    Attributes:
+        objects: Name of an object set, or a folder.
+        part: ``val``, ``tune``, ``train`` or ``all`` of its names.
+    """
+
+    objects: str = "procedural"
+    part: str = "val"
+
+    def load(self, kind: str) -> tuple[ObjectSet, tuple[str, ...]]:
+        """Return the set of a scene kind and the names to draw from.
+
+        Raises:
+            UnknownNameError: If kind, set or part is unknown.
+        """
+        if kind not in KINDS:
+            raise UnknownNameError("scene kind", kind, KINDS)
+        objects = object_set("affordance" if kind == "affordance" else self.objects)
+        if self.part == "all":
+            return objects, objects.names
+        return objects, split(objects.names, self.part)
+
+
+class BridgeWorld:
+    """Physics of table, objects and a free-flying gripper.
+
+    Args:
+        gripper: The gripper that tries grasps.
+        scenes: What scenes are made of.
+        realtime_factor: Simulated over real time; 0 = as fast as possible.
+    """
+
+    def __init__(
+        self, gripper: Gripper, scenes: BridgeScenes, realtime_factor: float = 1.0
+    ) -> None:
+        self.gripper = gripper
+        self.scenes = scenes
+        self.realtime_factor = realtime_factor
+        self._jobs: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
+        self._wake = threading.Condition()
+        self._closed = False
+        self._live = False
+        self._time = 0
+        self._due = time.monotonic()
+        self.snapshot = Snapshot(0, (), (), np.zeros((0, 4, 4)))
+        self.measured_factor = 0.0
+        self._mark = (time.monotonic(), 0)
+        self._last_spawn = ("empty", 0, 0)
+        self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
+        self._thread.start()
+        self.do(lambda: self._spawn(*self._last_spawn)).result()
+
+    def do(self, job: Callable[[], Any]) -> "Future[Any]":
+        """Run a job in the physics thread."""
+        future: Future[Any] = Future()
+        with self._wake:
+            self._jobs.append((future, job))
+            self._wake.notify()
+        return future
+
+    def close(self) -> None:
+        """End the thread and the engine."""
+        with self._wake:
+            self._closed = True
+            self._wake.notify()
+        self._thread.join()
+
+    def spawn(self, kind: str, seed: int, count: int) -> tuple[str, ...]:
+        """Clear the table and put a seeded scene onto it; return the objects' names.
+
+        Raises:
+            UnknownNameError: If the kind is unknown.
+            SimulationError: If the engine refuses an object.
+        """
+        self.scenes.load(kind)
+        names = self.do(lambda: self._spawn(kind, seed, count)).result()
+        return tuple(names)
+
+    def reset(self) -> tuple[str, ...]:
+        """Build the last scene again; return the objects' names."""
+        return self.spawn(*self._last_spawn)
+
+    def try_grasp(
+        self, T_task_gripper: FloatArray, opening: float, lift_height: float
+    ) -> TrialResult:
+        """Try a grasp; an object that was lifted is taken away.
+
+        Args:
+            T_task_gripper: Grasp pose, shape (4, 4).
+            opening: Of the jaws on approach in [m].
+            lift_height: Length of the retreat in [m]; 0 = the benchmark's.
+
+        Raises:
+            SimulationError: If the jaws do not open that far.
+        """
+        job = self.do(lambda: self._try_grasp(T_task_gripper, opening, lift_height))
+        result: TrialResult = job.result()
+        return result
+
+    def _run(self) -> None:
+        self._world = _PacedWorld(self._on_steps)
+        with self._world:
+            while not self._closed:
+                if self._jobs:
+                    future, job = self._jobs.popleft()
+                    try:
+                        future.set_result(job())
+                    except Exception as error:  # noqa: BLE001 (handed to the caller)
+                        future.set_exception(error)
+                    continue
+                self._world.step(PACE_STEPS)
+
+    def _on_steps(self, steps: int) -> None:
+        """Advance the clock, take a snapshot, and wait until it is time."""
+        if not self._live:
+            return
+        self._time += steps * STEP_NS
+        self.snapshot = self._look()
+        now = time.monotonic()
+        start, simulated = self._mark
+        if now - start >= 1.0:
+            self.measured_factor = (self._time - simulated) / 1e9 / (now - start)
+            self._mark = (now, self._time)
+        if self.realtime_factor <= 0:
+            return
+        self._due += steps * TIME_STEP / self.realtime_factor
+        wait = self._due - now
+        if wait < -LARGEST_LAG:
+            self._due = now
+        elif wait > 0:
+            with self._wake:
+                self._wake.wait_for(lambda: self._closed, timeout=wait)
+
+    def _look(self) -> Snapshot:
+        world = self._world
+        bodies = world.object_ids
+        models = tuple(world.model(body) for body in bodies)
+        poses = np.array([world.pose(body) for body in bodies]).reshape(-1, 4, 4)
+        names = tuple(
+            f"{model.name}#{body}" for model, body in zip(models, bodies, strict=True)
+        )
+        return Snapshot(self._time, names, models, poses)
+
+    def _spawn(self, kind: str, seed: int, count: int) -> tuple[str, ...]:
+        objects, names = self.scenes.load(kind)
+        how = "pile" if kind == "affordance" else kind
+        rng = np.random.default_rng(seed)
+        self._live = False  # building a scene takes no simulated time
+        try:
+            build_scene(self._world, how, objects, names, rng, count=count, seed=seed)
+            self._hand = SimGripper(self._world, self.gripper)
+        finally:
+            self._live = True
+            self._due = time.monotonic()
+        self._last_spawn = (kind, seed, count)
+        self.snapshot = self._look()
+        return self.snapshot.names
+
+    def _try_grasp(
+        self, T_task_gripper: FloatArray, opening: float, lift_height: float
+    ) -> TrialResult:
+        rules = VgnRules()
+        if lift_height > 0:
+            rules = replace(rules, retreat_distance=lift_height)
+        config = replace(TRIAL_PRESETS["vgn"], rules=rules)
+        result = run_trial(self._world, self._hand, T_task_gripper, opening, config)
+        if result.success and result.object_body in self._world.object_ids:
+            self._world.remove(result.object_body)
+        self._hand.park()
+        self._world.clear_outside()
+        return result

@@ -1,0 +1,490 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole pipeline in one process over real DDS; planner and robot in closed form."""
+
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("neugrasp_msgs")
+
+from action_msgs.msg import GoalStatus  # noqa: E402
+from builtin_interfaces.msg import Duration  # noqa: E402
+from geometry_msgs.msg import PoseStamped, Vector3  # noqa: E402
+from neugrasp_msgs.action import DetectGrasps as DetectAction  # noqa: E402
+from neugrasp_msgs.msg import DetectionReport, GraspArray  # noqa: E402
+from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
+from nodes.camera_node import CameraNode, ClientNode  # noqa: E402
+from nodes.standin import make_side_checker, make_standin  # noqa: E402
+from rclpy.action import ActionClient  # noqa: E402
+from rclpy.executors import MultiThreadedExecutor  # noqa: E402
+
+from neugrasp_ros.nodes.composed import Suite  # noqa: E402
+from neugrasp_ros.nodes.settings import WorkspaceConfig  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+ORIGIN = np.array(WorkspaceConfig().origin)
+LEFT, RIGHT = (0.15, 0.22, 0.07), (0.15, 0.08, 0.07)  # boxes in the task frame
+
+
+class Bench:
+    """Suite, camera and user of one module."""
+
+    def __init__(self) -> None:
+        self.executor = MultiThreadedExecutor(num_threads=12)
+        self.suite = Suite(self.executor, make_standin, make_side_checker)
+        self.camera = CameraNode()
+        self.camera.sends = set()
+        self.user = ClientNode()
+        for node in (self.camera, self.user):
+            self.executor.add_node(node)
+        self._thread = threading.Thread(target=self.executor.spin, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self.executor.shutdown(timeout_sec=5.0)
+        self._thread.join(5.0)
+        self.suite.close()
+        self.camera.destroy_node()
+        self.user.destroy_node()
+
+    def show(self, *boxes) -> None:
+        self.camera.scene.clear()
+        for box in boxes:
+            self.camera.scene.add_box(box)
+
+
+@pytest.fixture(scope="module")
+def bench(ros):
+    bench = Bench()
+    yield bench
+    bench.stop()
+
+
+@pytest.fixture(autouse=True)
+def usual(bench):
+    yield
+    bench.camera.encoding, bench.camera.age = "32FC1", 0.0
+    bench.camera.edit = lambda image: image
+
+
+def ask(bench, **fields):
+    return bench.user.ask(**({"seed": 1} | fields))
+
+
+def positions(response) -> np.ndarray:
+    poses = [g.pose.position for g in response.grasps.grasps]
+    return np.array([[p.x, p.y, p.z] for p in poses]).reshape(-1, 3)
+
+
+# The order of the first four tests is that of a start: each adds what the one before
+# was missing.
+
+
+def test_a_request_while_the_suite_still_starts_names_what_is_loading(bench):
+    report = ask(bench).report
+    assert report.code == DetectionReport.NOT_ACTIVE
+    assert "scene_renderer is still loading" in report.message
+    bench.suite.load()
+
+
+def test_without_depth_the_report_says_so(bench):
+    report = ask(bench).report
+    assert report.code == DetectionReport.NO_DEPTH
+    assert "no depth/image" in report.message
+
+
+def test_without_camera_info_the_report_says_so(bench, wait_until):
+    bench.camera.sends = {"depth"}
+    wait_until(lambda: ask(bench).report.code != DetectionReport.NO_DEPTH)
+    assert ask(bench).report.code == DetectionReport.NO_CAMERA_INFO
+
+
+def test_without_tf_the_missing_link_is_named(bench, wait_until):
+    bench.camera.sends = {"depth", "info"}
+    wait_until(lambda: ask(bench).report.code != DetectionReport.NO_CAMERA_INFO)
+    assert ask(bench).report.code == DetectionReport.TF_ERROR
+    assert "base_footprint <- camera_optical" in ask(bench).report.message
+    bench.camera.send_tf()
+
+
+def test_a_grasp_on_each_box_with_a_full_report(bench, wait_until):
+    bench.show(LEFT, RIGHT)
+    wait_until(lambda: ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).success)
+    response = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
+    report, array = response.report, response.grasps
+    assert response.success and report.code == DetectionReport.NONE
+    assert report.views == 1 and report.sampled >= report.after_quality > 0
+    assert report.after_reachability == report.after_affordance >= len(array.grasps)
+    assert report.seconds_total > 0 and report.seconds_reachability > 0
+    assert array.header.frame_id == "base_footprint"
+    assert array.stage == GraspArray.STAGE_REACHABLE
+    assert array.axes == GraspArray.AXES_X_APPROACH_Y_CLOSING
+    assert array.gripper == "robotiq_2f85" and array.joint_names
+    arms = {g.arm for g in array.grasps}
+    assert arms == {"arm_left_torso", "arm_right_torso"}
+    qualities = [g.quality for g in array.grasps]
+    assert qualities == sorted(qualities, reverse=True)
+    approach = [g.pose.orientation for g in array.grasps][0]  # x axis points down
+    assert 2 * (approach.x * approach.z - approach.w * approach.y) == pytest.approx(-1)
+    where = positions(response) - ORIGIN
+    for box in (LEFT, RIGHT):
+        assert np.linalg.norm(where[:, :2] - box[:2], axis=1).min() < 0.03
+
+
+def newest(bench, topic):
+    heard = bench.user.heard[topic]
+    return heard[-1] if heard else None
+
+
+def test_a_listener_who_never_calls_hears_of_a_change_within_three_seconds(
+    bench, wait_until
+):
+    bench.show(LEFT)
+    wait_until(
+        lambda: (
+            (a := newest(bench, "grasps"))
+            and a.grasps
+            and all(g.pose.position.y > 0 for g in a.grasps)
+        ),
+        seconds=10.0,
+    )
+    bench.show(RIGHT)
+    wait_until(
+        lambda: (
+            (a := newest(bench, "grasps")).grasps
+            and all(g.pose.position.y < 0 for g in a.grasps)
+        ),
+        seconds=3.0,
+    )
+    array, poses = newest(bench, "grasps"), newest(bench, "grasps/poses")
+    assert [p for p in poses.poses] == [g.pose for g in array.grasps]
+    assert newest(bench, "grasps/best").pose == array.grasps[0].pose
+    assert len(newest(bench, "grasps/markers").markers) == 2
+    bench.show()
+    wait_until(lambda: not newest(bench, "grasps").grasps, seconds=3.0)
+    assert len(newest(bench, "grasps/markers").markers) == 1
+
+
+def test_every_answer_appears_on_the_topics_too(bench, wait_until):
+    bench.show(LEFT, RIGHT)
+    wait_until(lambda: len(newest(bench, "grasps").grasps) > 1)
+    response = ask(bench, max_grasps=1)
+    wait_until(lambda: len(newest(bench, "grasps").grasps) == 1)
+    heard = newest(bench, "grasps")
+    assert heard.header == response.grasps.header
+    assert heard.grasps[0].pose == response.grasps.grasps[0].pose
+
+
+def test_an_object_that_is_gone_has_no_grasp_in_a_fresh_view(bench):
+    bench.show(LEFT, RIGHT)
+    ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
+    bench.show(RIGHT)
+    response = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
+    gone = np.array(LEFT) + ORIGIN
+    assert response.success
+    assert np.linalg.norm(positions(response)[:, :2] - gone[:2], axis=1).min() > 0.05
+
+
+def test_after_an_execution_the_server_asks_for_a_fresh_view_by_itself(
+    bench, wait_until
+):
+    bench.show(LEFT, RIGHT)
+    array = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).grasps
+    executed = bench.user.create_publisher(GraspArray, "grasps/executed", 1)
+    wait_until(lambda: executed.get_subscription_count())
+    bench.camera.sends = {"info"}
+    executed.publish(array)
+    wait_until(
+        lambda: (
+            ask(bench, timeout=_duration(0.2)).report.code
+            in (DetectionReport.TIMEOUT, DetectionReport.STALE_DEPTH)
+        )
+    )
+    bench.camera.sends = {"depth", "info"}
+    assert ask(bench).success
+
+
+def test_the_two_nodes_share_one_encoder_pass(bench, wait_until):
+    planner = bench.suite._make_planner._made[1].planner
+    bench.show(LEFT)
+    wait_until(lambda: len(newest(bench, "grasps").grasps))
+    ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
+    passes = planner.encoder_passes
+    ask(bench)
+    ask(bench)
+    assert planner.encoder_passes == passes
+    bench.show(LEFT, RIGHT)
+    ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
+    wait_until(lambda: len(newest(bench, "grasps").grasps) > 1)
+    assert planner.encoder_passes == passes + 1
+
+
+def _duration(seconds: float) -> Duration:
+    return Duration(sec=int(seconds), nanosec=int(seconds % 1 * 1e9))
+
+
+# Bad input: each ends in its code and a sentence, and the next good request works.
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"min_quality": float("nan")}, "min_quality must be within 0..1"),
+        ({"min_quality": 1.5}, "min_quality must be within 0..1"),
+        ({"min_affordance": float("nan")}, "min_affordance must be within"),
+        ({"roi_size": Vector3(x=-0.1, y=0.1, z=0.1)}, "roi_size must be positive"),
+        ({"roi_size": Vector3(x=float("nan"))}, "roi_size must be positive"),
+        ({"roi_size": Vector3(x=0.1)}, "roi_size has a zero edge"),
+        ({"reachability": 7}, "reachability must be 0, 1 or 2"),
+        ({"scene": 9}, "scene must be 0, 1 or 2"),
+        ({"timeout": Duration(sec=-1)}, "timeout must not be negative"),
+        ({"max_candidates": 10**6}, "max_candidates must be at most 10000"),
+        ({"arms": ["arm_middle"]}, "unknown arm 'arm_middle'; known: arm_left_torso"),
+    ],
+)
+def test_a_bad_field_is_named(bench, fields, sentence):
+    bench.show(LEFT)
+    report = ask(bench, **fields).report
+    assert report.code == DetectionReport.INVALID_REQUEST
+    assert sentence in report.message
+    assert ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).success
+
+
+def test_an_unknown_affordance_lists_the_vocabulary(bench):
+    report = ask(bench, affordance="fly").report
+    assert report.code == DetectionReport.UNKNOWN_AFFORDANCE
+    assert "'fly'; known: " in report.message
+
+
+def test_an_empty_table_and_a_region_without_anything(bench):
+    bench.show()
+    report = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).report
+    assert report.code == DetectionReport.EMPTY_WORKSPACE
+    assert "no surface was seen in it above the support" in report.message
+    bench.show(LEFT)
+    roi = PoseStamped()
+    roi.header.frame_id = "base_footprint"
+    roi.pose.position.x, roi.pose.position.y, roi.pose.position.z = (
+        ORIGIN + RIGHT
+    ).tolist()
+    edges = {"roi_size": Vector3(x=0.08, y=0.08, z=0.08), "roi_pose": roi}
+    report = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH, **edges).report
+    assert report.code == DetectionReport.EMPTY_WORKSPACE
+    assert "region of interest" in report.message
+    bench.show(LEFT, RIGHT)
+    found = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH, **edges)
+    assert found.success and (positions(found)[:, 1] < 0).all()
+
+
+def test_everything_outside_the_workspace_is_an_empty_workspace(bench):
+    bench.show((0.15, 0.55, 0.07))
+    report = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).report
+    assert report.code == DetectionReport.EMPTY_WORKSPACE
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 0.0])
+def test_an_image_without_a_measured_pixel(bench, value):
+    def ruin(image):
+        image.data = np.full(len(image.data) // 4, value, "<f4").tobytes()
+        return image
+
+    bench.camera.edit = ruin
+    report = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).report
+    assert report.code == DetectionReport.EMPTY_WORKSPACE
+    assert "nothing inside the workspace was measured" in report.message
+
+
+def rename(image):
+    image.encoding = "rgb8"
+    return image
+
+
+def shrink(image):
+    image.height //= 2
+    return image
+
+
+@pytest.mark.parametrize(
+    ("edit", "code", "sentence"),
+    [
+        (rename, DetectionReport.NO_DEPTH, "encoding 'rgb8'"),
+        (shrink, DetectionReport.NO_CAMERA_INFO, "depth/camera_info says 160x120"),
+    ],
+)
+def test_images_that_do_not_fit_say_why_once_the_last_good_one_is_old(
+    bench, edit, code, sentence
+):
+    bench.camera.edit = edit
+    report = ask(
+        bench, scene=DetectGrasps.Request.SCENE_FRESH, timeout=_duration(1.5)
+    ).report
+    assert report.code == code and sentence in report.message
+
+
+def test_a_camera_that_falls_silent_leaves_stale_depth(bench, wait_until):
+    bench.camera.sends = {"info"}
+    wait_until(lambda: ask(bench).report.code == DetectionReport.STALE_DEPTH)
+    assert "s old, max_depth_age is 1.0 s" in ask(bench).report.message
+
+
+def test_stamps_that_jump_back_do_not_stop_the_camera(bench, wait_until):
+    bench.show(LEFT)
+    bench.camera.sends = {"depth", "info"}
+    bench.camera.age = 0.9
+    ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
+    bench.camera.age = 0.0
+    wait_until(lambda: ask(bench).success)
+
+
+def test_millimetres_find_what_metres_find(bench):
+    bench.show(LEFT, RIGHT)
+    fresh = DetectGrasps.Request.SCENE_FRESH
+    metres = ask(bench, scene=fresh)
+    bench.camera.encoding = "16UC1"
+    millimetres = ask(bench, scene=fresh)
+    assert millimetres.success
+    for here in positions(metres):
+        assert np.linalg.norm(positions(millimetres) - here, axis=1).min() < 0.01
+
+
+def test_nothing_good_enough_and_nothing_reachable_say_so(bench):
+    bench.show(RIGHT)
+    fresh = DetectGrasps.Request.SCENE_FRESH
+    report = ask(bench, scene=fresh, min_quality=1.0).report
+    assert report.code == DetectionReport.NONE_ABOVE_QUALITY
+    assert "asked for 1.00" in report.message and report.sampled > 0
+    report = ask(bench, arms=["arm_left_torso"]).report
+    assert report.code == DetectionReport.NONE_REACHABLE
+    assert "no_ik" in report.message and report.after_quality > 0
+
+
+def test_reachability_first_off_and_last(bench):
+    bench.show(LEFT, RIGHT)
+    fresh, left = DetectGrasps.Request.SCENE_FRESH, ["arm_left_torso"]
+    first = ask(bench, scene=fresh, arms=left, reachability=2)
+    last = ask(bench, arms=left)
+    off = ask(bench, arms=left, reachability=0)
+    assert (positions(first)[:, 1] > 0).all() and (positions(last)[:, 1] > 0).all()
+    assert first.report.after_reachability >= last.report.after_reachability
+    assert (positions(off)[:, 1] < 0).any()
+    assert off.grasps.stage == GraspArray.STAGE_SCORED
+
+
+def test_another_answer_frame_needs_its_transform(bench):
+    bench.show(LEFT)
+    report = ask(bench, frame_id="map").report
+    assert report.code == DetectionReport.TF_ERROR and "map <- base" in report.message
+    there = ask(bench, frame_id="camera_optical")
+    assert there.success and there.grasps.header.frame_id == "camera_optical"
+
+
+def test_two_clients_at_once_are_both_answered(bench):
+    bench.show(LEFT, RIGHT)
+    other = ClientNode()
+    bench.executor.add_node(other)
+    try:
+        futures = [
+            node.client.call_async(DetectGrasps.Request(seed=1))
+            for node in (bench.user, other, bench.user, other)
+            if node.client.wait_for_service(timeout_sec=10.0)
+        ]
+        answers = [_result(future) for future in futures]
+    finally:
+        bench.executor.remove_node(other)
+        other.destroy_node()
+    assert len(answers) == 4 and all(answer.success for answer in answers)
+
+
+def _result(future, seconds: float = 30.0):
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(seconds), "no answer in time"
+    return future.result()
+
+
+class Slow:
+    """Makes scoring take a while, until told otherwise."""
+
+    def __init__(self, planner) -> None:
+        self.planner, self.usual = planner, planner.evaluate
+        self.go = threading.Event()
+        planner.evaluate = self.evaluate
+
+    def evaluate(self, *args, **kwargs):
+        self.go.wait(10.0)
+        return self.usual(*args, **kwargs)
+
+    def stop(self) -> None:
+        self.go.set()
+        self.planner.evaluate = self.usual
+
+
+@pytest.fixture
+def slow(bench):
+    slow = Slow(bench.suite._make_planner._made[1].planner)
+    yield slow
+    slow.stop()
+
+
+@pytest.fixture
+def action(bench):
+    client = ActionClient(bench.user, DetectAction, "detect_grasps")
+    assert client.wait_for_server(timeout_sec=10.0)
+    yield client
+    client.destroy()
+
+
+def test_the_action_gives_feedback_and_the_services_answer(bench, action):
+    bench.show(LEFT, RIGHT)
+    fresh = DetectGrasps.Request.SCENE_FRESH
+    answer = ask(bench, scene=fresh)
+    heard = []
+    goal = _result(
+        action.send_goal_async(
+            DetectAction.Goal(seed=1), lambda m: heard.append(m.feedback)
+        )
+    )
+    outcome = _result(goal.get_result_async())
+    assert outcome.status == GoalStatus.STATUS_SUCCEEDED
+    assert [g.pose for g in outcome.result.grasps.grasps] == [
+        g.pose for g in answer.grasps.grasps
+    ]
+    stages = [f.stage for f in heard]
+    assert "fusion" in stages and "reachability" in stages
+    assert heard[stages.index("reachability")].grasps_so_far > 0
+    assert [f.progress for f in heard] == sorted(f.progress for f in heard)
+
+
+def test_a_goal_can_be_canceled_and_a_second_one_is_rejected(bench, action, slow):
+    bench.show(LEFT, RIGHT)
+    goal = _result(action.send_goal_async(DetectAction.Goal(seed=1)))
+    assert goal.accepted
+    second = _result(action.send_goal_async(DetectAction.Goal()))
+    assert not second.accepted
+    _result(goal.cancel_goal_async())
+    slow.go.set()
+    outcome = _result(goal.get_result_async())
+    assert outcome.status == GoalStatus.STATUS_CANCELED
+    assert outcome.result.report.code == DetectionReport.CANCELED
+
+
+def test_a_request_that_runs_out_of_time_says_so(bench, slow):
+    bench.show(LEFT)
+    threading.Timer(0.6, slow.go.set).start()
+    report = ask(bench, timeout=_duration(0.3)).report
+    assert report.code == DetectionReport.TIMEOUT
+
+
+def test_a_bug_is_answered_as_internal_and_the_node_lives_on(bench):
+    planner = bench.suite._make_planner._made[1].planner
+    usual = planner.sample
+    planner.sample = lambda *_, **__: 1 / 0
+    bench.show(LEFT)
+    try:
+        report = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).report
+    finally:
+        planner.sample = usual
+    assert report.code == DetectionReport.INTERNAL and "grasp_server" in report.message
+    assert ask(bench).success

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+import time
+
+import numpy as np
+import pytest
+
+from neugrasp_ros.errors import SimulationError, UnknownNameError
+from neugrasp_ros.geometry.gripper import load_gripper
+from neugrasp_ros.geometry.transform import make_transform
+from sim_bridge.bridge_world import BridgeScenes, BridgeWorld
+
+pytestmark = pytest.mark.filterwarnings("ignore:Gimbal lock")
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+@pytest.fixture(scope="module")
+def world():
+    world = BridgeWorld(load_gripper("robotiq_2f85"), BridgeScenes(), 0.0)
+    yield world
+    world.close()
+
+
+def later(world, seconds: float):
+    """Wait until simulated time has gone on; return the snapshot then."""
+    target = world.snapshot.time + int(seconds * 1e9)
+    deadline = time.monotonic() + 60
+    while world.snapshot.time < target:
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    return world.snapshot
+
+
+def test_the_same_seed_gives_the_same_scene(world):
+    names = world.spawn("packed", 4, 3)
+    poses = world.snapshot.poses
+    world.spawn("packed", 5, 3)
+    assert world.spawn("packed", 4, 3) == names
+    np.testing.assert_allclose(world.snapshot.poses, poses, atol=2e-3)
+    assert world.reset() == names
+
+
+def test_time_goes_on_across_scenes_and_objects_stay_on_the_table(world):
+    before = world.snapshot.time
+    world.spawn("pile", 1, 3)
+    start = world.snapshot
+    assert start.time >= before
+    end = later(world, 0.5)
+    assert end.time > start.time and len(end.names) == len(start.names) > 0
+    assert np.abs(end.poses[:, :3, 3] - start.poses[:, :3, 3]).max() < 0.02
+
+
+def test_what_cannot_be_spawned_or_tried_is_refused_and_life_goes_on(world):
+    with pytest.raises(UnknownNameError, match="known: affordance, egad"):
+        world.spawn("circus", 0, 3)
+    with pytest.raises(SimulationError, match="opening must be within"):
+        world.try_grasp(make_transform(DOWN, np.array([0.15, 0.15, 0.2])), 0.5, 0.0)
+    later(world, 0.1)
+
+
+def test_closing_on_nothing_lifts_nothing(world):
+    world.spawn("empty", 0, 0)
+    result = world.try_grasp(
+        make_transform(DOWN, np.array([0.15, 0.15, 0.15])), 0.08, 0.05
+    )
+    assert not result.success and result.reason == "empty"
+
+
+def test_a_lifted_object_is_taken_away(world):
+    for seed in range(6):
+        world.spawn("packed", seed, 1)
+        pose = world.snapshot.poses[0]
+        bounds = np.array(
+            [m.transformed(pose).bounds() for m in world.snapshot.models[0].visuals]
+        )
+        lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+        extent = upper - lower
+        narrow = int(np.argmin(extent[:2]))
+        if extent[narrow] > 0.07:
+            continue
+        closing = np.eye(3)[narrow]
+        rotation = np.stack([np.cross(closing, [0, 0, -1.0]), closing, [0, 0, -1.0]], 1)
+        middle = (lower + upper) / 2
+        middle[2] = max(upper[2] - 0.03, 0.06)
+        result = world.try_grasp(make_transform(rotation, middle), 0.085, 0.1)
+        if result.success:
+            assert result.width > 0.005 and not world.snapshot.names
+            return
+    raise AssertionError("no seed of six gave an object that stands to be lifted")
+
+
+def test_real_time_is_kept():
+    world = BridgeWorld(load_gripper("robotiq_2f85"), BridgeScenes(), 2.0)
+    try:
+        start, began = world.snapshot.time, time.monotonic()
+        later(world, 1.0)
+        wall = time.monotonic() - began
+        simulated = (world.snapshot.time - start) / 1e9
+        assert simulated / wall < 2.2
+    finally:
+        world.close()
