@@ -6,7 +6,8 @@ number, its range in ``metadata["range"]``; the ROS nodes declare their paramete
 the same table.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -53,6 +54,8 @@ class Checked:
         for item in fields(self):  # type: ignore[arg-type]
             value = getattr(self, item.name)
             bounds = item.metadata.get("range")
+            if bounds and item.type is int and not isinstance(value, Integral):
+                raise ConfigError(f"{item.name} must be a whole number, got {value!r}")
             if bounds and not bounds[0] <= value <= bounds[1]:
                 raise ConfigError(
                     f"{item.name} must be in [{bounds[0]}, {bounds[1]}], got {value}"
@@ -159,7 +162,9 @@ class TrainConfig(Checked):
     w_local: float = option(1.0, "Weight of the local occupancy loss", 0.0, 100.0)
     w_affordance: float = option(1.0, "Weight of the affordance loss", 0.0, 100.0)
     seed: int = option(0, "Seed of every random choice", 0, 2**31 - 1)
-    checkpoint_seconds: float = option(300.0, "Time between checkpoints [s]", 1.0, 600.0)
+    checkpoint_seconds: float = option(
+        300.0, "Time between checkpoints [s]", 1.0, 600.0
+    )
     threads: int = option(0, "Torch threads; 0 = all cores", 0, 256)
 
 
@@ -171,10 +176,13 @@ def load_config(config_type: type[Config], path: str | Path) -> Config:
         path: YAML file.
 
     Raises:
-        ConfigError: If the file is not a mapping, a key is unknown or a value is out
-            of range.
+        ConfigError: If the file cannot be read or is not a mapping, a key is unknown
+            or a value is out of range.
     """
-    values = yaml.safe_load(Path(path).read_text()) or {}
+    try:
+        values = yaml.safe_load(Path(path).read_text()) or {}
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: not a readable YAML file ({error})") from error
     if not isinstance(values, dict):
         raise ConfigError(f"{path}: expected a mapping, got {type(values).__name__}")
     return override(config_type, values, where=str(path))
@@ -183,16 +191,25 @@ def load_config(config_type: type[Config], path: str | Path) -> Config:
 def override(config_type: type[Config], values: dict[str, Any], where: str) -> Config:
     """Build a configuration from overrides.
 
+    Args:
+        config_type: A dataclass of this module.
+        values: Overrides; a part that is itself a configuration is a mapping.
+        where: Where they stand, for messages.
+
     Raises:
         ConfigError: If a key is unknown (the known ones are listed) or a value is out
             of range or of the wrong type.
     """
-    known = {item.name for item in fields(config_type)}  # type: ignore[arg-type]
-    unknown = sorted(set(values) - known)
+    known = {item.name: item for item in fields(config_type)}  # type: ignore[arg-type]
+    unknown = sorted(set(values) - set(known))
     if unknown:
         raise ConfigError(f"{where}: unknown {unknown}; known: {sorted(known)}")
-    values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+    given = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    for name, value in given.items():
+        if isinstance(value, dict) and is_dataclass(known[name].type):
+            part: Any = known[name].type
+            given[name] = override(part, value, f"{where}: {name}")
     try:
-        return config_type(**values)
-    except TypeError as error:
+        return config_type(**given)
+    except (ConfigError, TypeError) as error:
         raise ConfigError(f"{where}: {error}") from error

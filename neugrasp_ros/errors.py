@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every exception that this package raises on purpose."""
 
+import copyreg
 from collections.abc import Iterable
+from typing import Any
 
 
 class NeuGraspError(Exception):
     """Base of all errors that a caller may want to catch."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let an error come back from a worker process, whatever its arguments."""
+        return copyreg.__newobj__, (type(self), *self.args), vars(self)
 
 
 class ConfigError(NeuGraspError, ValueError):
@@ -90,6 +96,10 @@ class RobotModelError(NeuGraspError):
             f"the robot description has no {kind} {name!r}; "
             f"it has: {', '.join(self.known)}"
         )
+
+
+class MotionError(NeuGraspError):
+    """No motion was found, or one was asked for that must not be made."""
 
 
 class SimulationError(NeuGraspError):

@@ -201,7 +201,7 @@ def seen_surface(volume: TsdfVolume) -> tuple[FloatArray, FloatArray]:
         raise EmptySceneError("no depth image was integrated into the volume")
     grid = volume.distances
     filled = np.where(np.isfinite(grid), grid, np.float32(-1.0))
-    gradient = np.stack(np.gradient(filled), axis=-1)
+    gradient = np.stack([np.gradient(filled, axis=axis) for axis in range(3)], axis=-1)
     points, normals = [], []
     for axis in range(3):
         low = np.moveaxis(grid, axis, 0)[:-1]

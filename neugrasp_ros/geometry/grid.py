@@ -6,6 +6,7 @@ The grid lies in the task frame: value (i, j, k) belongs to the point
 continued constantly. Positive values are inside of things.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -36,10 +37,11 @@ class ScalarGrid:
         """Make the samples contiguous.
 
         Raises:
-            ShapeError: If they are not a three-dimensional grid.
+            ShapeError: If they are not a three-dimensional grid of at least two
+                samples along each axis.
         """
-        if self.values.ndim != 3:
-            raise ShapeError("values", "(X, Y, Z)", self.values.shape)
+        if self.values.ndim != 3 or min(self.values.shape) < 2:
+            raise ShapeError("values", "(X, Y, Z), each >= 2", self.values.shape)
         values = np.ascontiguousarray(self.values, dtype=np.float32)
         object.__setattr__(self, "values", values)
 
@@ -122,7 +124,7 @@ def march(
     return out
 
 
-def run_in_parts(run, count: int, threads: int) -> None:  # type: ignore[no-untyped-def]
+def run_in_parts(run: Callable[[slice], None], count: int, threads: int) -> None:
     """Call ``run(slice)`` on contiguous parts of ``range(count)``, one per thread."""
     if threads <= 1 or count < 64:
         run(slice(0, count))
@@ -198,13 +200,13 @@ def normal_one(values, inverse, x, y, z, out):  # type: ignore[no-untyped-def]  
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _normals(values, inverse, points, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     for n in range(len(points)):
-        normal_one(
-            values, inverse, points[n, 0], points[n, 1], points[n, 2], out[n]
-        )
+        normal_one(values, inverse, points[n, 0], points[n, 1], points[n, 2], out[n])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clip_to_box(ox, oy, oz, dx, dy, dz, low, high):  # type: ignore[no-untyped-def]  # pragma: no cover
+def clip_to_box(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
+    ox, oy, oz, dx, dy, dz, low, high
+):  # pragma: no cover
     """Return the interval of a ray inside an axis-aligned box (empty: start > end)."""
     start, end = 0.0, 1e9
     for axis in range(3):

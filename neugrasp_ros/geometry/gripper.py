@@ -64,7 +64,12 @@ class Gripper:
                 raise ConfigError(
                     f"gripper {self.name!r}: {item} must be in (0, 1] m, got {value}"
                 )
-        if not self.max_force > 0:
+        if not 0.0 <= self.tip_advance <= self.finger_depth:
+            raise ConfigError(
+                f"gripper {self.name!r}: tip_advance must be in [0, finger_depth], "
+                f"got {self.tip_advance}"
+            )
+        if not 0 < self.max_force < np.inf:
             raise ConfigError(
                 f"gripper {self.name!r}: max_force must be positive, "
                 f"got {self.max_force}"
@@ -106,14 +111,18 @@ def load_gripper(name_or_path: str | Path) -> Gripper:
 
     Raises:
         UnknownNameError: If there is no such gripper or file.
-        ConfigError: If the file misses a field, has an unknown or absurd one.
+        ConfigError: If the file is not YAML, misses a field, or has an unknown or
+            absurd one.
     """
     path = Path(name_or_path)
     if path.suffix not in (".yaml", ".yml"):
         path = config_dir() / "grippers" / f"{name_or_path}.yaml"
     if not path.is_file():
         raise UnknownNameError("gripper", str(name_or_path), gripper_names())
-    values = yaml.safe_load(path.read_text())
+    try:
+        values = yaml.safe_load(path.read_text())
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: not YAML ({error})") from error
     if not isinstance(values, dict):
         raise ConfigError(f"{path}: expected a mapping of gripper measures")
     known = {item.name for item in fields(Gripper)}
@@ -126,5 +135,5 @@ def load_gripper(name_or_path: str | Path) -> Gripper:
         raise ConfigError(f"{path}: missing {sorted(missing)}")
     try:
         return Gripper(**values)
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise ConfigError(f"{path}: {error}") from error

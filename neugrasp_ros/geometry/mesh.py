@@ -57,7 +57,8 @@ def box_mesh(half_extents: NDArray[np.float64]) -> Mesh:
     """Return an axis-aligned box about the origin; half extents (3,) in [m]."""
     corners = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
     faces = [
-        (0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)
+        (0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4),
+        (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5),
     ]  # fmt: skip
     triangles = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
     return Mesh((2.0 * corners - 1.0) * np.asarray(half_extents), np.array(triangles))

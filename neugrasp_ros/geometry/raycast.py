@@ -3,12 +3,12 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-
 from numpy.typing import NDArray
 
+from neugrasp_ros.errors import ShapeError
 from neugrasp_ros.geometry.camera import Intrinsics
 from neugrasp_ros.geometry.mesh import Mesh
 from neugrasp_ros.geometry.open3d_engine import o3d
@@ -30,6 +30,10 @@ class RayHits(NamedTuple):
     bodies: NDArray[np.int32]
 
 
+def _tensor(array: NDArray[Any]) -> o3d.core.Tensor:
+    return o3d.core.Tensor(array)  # type: ignore[call-overload]  # stub lacks defaults
+
+
 @lru_cache(maxsize=16)
 def _camera_rays(intrinsics: Intrinsics) -> NDArray[np.float32]:
     return intrinsics.ray_directions().reshape(-1, 3).astype(np.float32)
@@ -42,6 +46,9 @@ class MeshScene:
         meshes: Closed meshes, each in its own frame.
         poses: Poses ``T_scene_mesh``, shape (B, 4, 4).
         body_ids: Body of each mesh; several meshes may make one body. Default 0..B-1.
+
+    Raises:
+        ShapeError: If there is not one pose, and one body id, for each mesh.
     """
 
     def __init__(
@@ -50,10 +57,15 @@ class MeshScene:
         poses: FloatArray,
         body_ids: Sequence[int] | None = None,
     ) -> None:
+        poses, n = np.asarray(poses, dtype=np.float64), len(meshes)
+        if poses.shape != (n, 4, 4) and (n or poses.size):
+            raise ShapeError("poses", f"({n}, 4, 4)", poses.shape)
+        ids = range(n) if body_ids is None else body_ids
+        if len(ids) != n:
+            raise ShapeError("body_ids", f"({n},)", (len(ids),))
         self._meshes = tuple(
             m.transformed(p) for m, p in zip(meshes, poses, strict=True)
         )
-        ids = range(len(self._meshes)) if body_ids is None else body_ids
         self._ids = np.asarray([*ids, -1], dtype=np.int32)
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         for mesh in self._meshes:
@@ -63,8 +75,8 @@ class MeshScene:
     def _add(scene: o3d.t.geometry.RaycastingScene, mesh: Mesh) -> int:
         return int(
             scene.add_triangles(
-                o3d.core.Tensor(mesh.vertices.astype(np.float32)),
-                o3d.core.Tensor(mesh.triangles.astype(np.uint32)),
+                _tensor(mesh.vertices.astype(np.float32)),
+                _tensor(mesh.triangles.astype(np.uint32)),
             )
         )
 
@@ -76,7 +88,7 @@ class MeshScene:
             directions: Ray directions of any length, shape (R, 3).
         """
         rays = np.concatenate([origins, directions], axis=1).astype(np.float32)
-        result = self._scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
+        result = self._scene.cast_rays(_tensor(rays), nthreads=1)
         geometry = result["geometry_ids"].numpy().astype(np.int64)
         bodies = self._ids[np.minimum(geometry, len(self._ids) - 1)]
         normals = result["primitive_normals"].numpy()
@@ -127,7 +139,7 @@ class MeshScene:
     def _contained_in(self, index: int, points: FloatArray) -> NDArray[np.bool_]:
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._add(scene, self._meshes[index])
-        query = o3d.core.Tensor(points.astype(np.float32))
+        query = _tensor(points.astype(np.float32))
         occupied = scene.compute_occupancy(query, nthreads=1, nsamples=3).numpy()
         return np.asarray(occupied > 0.5)
 
@@ -138,12 +150,15 @@ class MeshScene:
 
         Args:
             n_points: How many to draw; points inside another mesh are dropped, so
-                fewer may come back.
+                fewer may come back, and none from an empty scene.
             rng: Source of randomness.
 
         Returns:
             Points in [m] (N, 3), outward unit normals (N, 3), and body ids (N,).
         """
+        if not self._meshes:
+            none = np.zeros((0, 3))
+            return none, none, self._ids[:0]
         corners = np.concatenate([m.vertices[m.triangles] for m in self._meshes])
         counts = [len(m.triangles) for m in self._meshes]
         owner = np.repeat(np.arange(len(counts)), counts)

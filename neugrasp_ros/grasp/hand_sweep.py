@@ -46,9 +46,7 @@ def hand_points(gripper: Gripper, opening: float) -> tuple[FloatArray, FloatArra
     for part, (center, half) in enumerate(zip(*gripper.boxes(opening), strict=True)):
         spacing = PALM_LATTICE if part == PARTS - 1 else FINGER_LATTICE
         counts = np.maximum(2, np.ceil(2 * half / spacing).astype(int) + 1)
-        axes = [
-            np.linspace(-h, h, n) for h, n in zip(half, counts, strict=True)
-        ]
+        axes = [np.linspace(-h, h, n) for h, n in zip(half, counts, strict=True)]
         lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         points.append(center + lattice)
         parts.append(np.full(len(lattice), part))
@@ -76,8 +74,8 @@ def sweep_hands(
 
     Returns:
         Shape (G, SWEEP_FEATURES): the greatest logit met at each station; the greatest
-        logit met by each part at the grasp (-8 where no surface is near); and the height of the hand's lowest point
-        above the support plane in [m] at the grasp.
+        logit met by each part at the grasp (-8 where no surface is near); and the
+        height of the hand's lowest point above the support plane in [m] at the grasp.
     """
     poses = np.ascontiguousarray(T_task_grippers, dtype=np.float64)
     out = np.zeros((len(poses), SWEEP_FEATURES), dtype=np.float32)

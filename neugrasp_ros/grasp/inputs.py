@@ -70,7 +70,8 @@ def hand_distances(
     beyond -= halves[:, None].astype(np.float32)  # (G, P, 4, 3)
     outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
     inside = np.minimum(beyond.max(axis=-1), 0.0)
-    return np.clip(outside + inside, -DISTANCE_LIMIT, DISTANCE_LIMIT)
+    distances = np.clip(outside + inside, -DISTANCE_LIMIT, DISTANCE_LIMIT)
+    return np.asarray(distances, dtype=np.float32)
 
 
 def gripper_features(gripper: Gripper) -> FloatArray:
@@ -102,7 +103,7 @@ def observed_at(
     return np.asarray(np.abs(near) < 0.6)
 
 
-def assemble_inputs(
+def assemble_inputs(  # noqa: PLR0913 (each is a setting of its own stage)
     field: ScalarGrid,
     distances: NDArray[np.float32],
     T_task_grippers: FloatArray,
@@ -147,7 +148,7 @@ def assemble_inputs(
     sweeps = sweep_hands(
         field, poses, widths, gripper, support_height=support_height, threads=threads
     )
-    points_task = apply(poses, views.points)
+    points_task = apply(poses, views.points.astype(np.float64))
     observed = observed_at(distances, points_task, float(field.size[0]))
     features = np.concatenate(
         [

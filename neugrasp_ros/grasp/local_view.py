@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface as the two fingers and the palm of a grasp would see it (paper, local render).
+"""The surface as the two fingers and the palm of a grasp would see it.
 
 In: an occupancy field and grasps. Out: a fixed number of surface points per grasp, in
 the gripper's own frame.
@@ -93,7 +93,7 @@ def crop_box(gripper: Gripper, fov: float) -> tuple[FloatArray, FloatArray]:
 def _shuffled_rays(
     gripper: Gripper, image_size: int, fov: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the rays in one fixed random order, so that the first ones are a sample."""
+    """Return the rays in one fixed random order: the first ones are a sample."""
     origins, directions = local_rays(gripper, image_size, fov)
     order = np.random.default_rng(0).permutation(len(origins))
     return origins[order], directions[order]
@@ -157,8 +157,9 @@ def render_local_views(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
-    values, blocks, inverse, poses, origins, directions, low, high, points, normals, hits
-):  # pragma: no cover - compiled
+    values, blocks, inverse, poses, origins, directions, low, high,
+    points, normals, hits,
+):  # fmt: skip  # pragma: no cover - compiled
     n_points = points.shape[1]
     step = 0.5 / inverse
     cube_low = np.zeros(3)
@@ -191,9 +192,7 @@ def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
             points[g, count, 0] = a + t * p
             points[g, count, 1] = b + t * q
             points[g, count, 2] = c + t * s
-            normal_one(
-                values, inverse, ox + t * dx, oy + t * dy, oz + t * dz, normal
-            )
+            normal_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz, normal)
             for axis in range(3):
                 normals[g, count, axis] = (
                     T[0, axis] * normal[0]

@@ -65,8 +65,7 @@ class GraspSet:
 
     def take(self, indices: NDArray[np.int64] | NDArray[np.bool_]) -> "GraspSet":
         """Return the grasps at ``indices`` (integers in order, or a mask)."""
-        indices = np.asarray(indices)
-        rows = np.flatnonzero(indices) if indices.dtype == bool else indices
+        rows = np.arange(len(self))[np.asarray(indices)]
         return GraspSet(
             self.poses[rows],
             self.widths[rows],

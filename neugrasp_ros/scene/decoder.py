@@ -10,7 +10,6 @@ class ResidualBlock(nn.Module):
     """``x + fc1(relu(fc0(relu(x))))`` with ``fc1`` zero at the start."""
 
     def __init__(self, width: int) -> None:
-        """Make a block that is the identity until it is trained."""
         super().__init__()
         self.fc0 = nn.Linear(width, width)
         self.fc1 = nn.Linear(width, width)
@@ -29,7 +28,6 @@ class OccupancyDecoder(nn.Module):
     """
 
     def __init__(self, config: NetworkConfig) -> None:
-        """Build the layers."""
         super().__init__()
         width = config.occupancy_hidden
         self.position = nn.Linear(3, width)

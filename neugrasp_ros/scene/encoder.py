@@ -74,7 +74,6 @@ class VoxelEncoder(nn.Module):
     """
 
     def __init__(self, config: NetworkConfig) -> None:
-        """Build the configured stem and the U-Net."""
         super().__init__()
         self.config = config
         _check_sizes(config)

@@ -22,7 +22,6 @@ class SceneNetwork(nn.Module):
     """
 
     def __init__(self, config: NetworkConfig) -> None:
-        """Build the configured encoder and the decoder."""
         super().__init__()
         self.config = config
         self.encoder = ENCODERS[config.encoder](config)

@@ -24,7 +24,6 @@ class UNet(nn.Module):
     """
 
     def __init__(self, channels: int, depth: int, start: int) -> None:
-        """Build the levels down and up again."""
         super().__init__()
         widths = [start * 2**level for level in range(depth)]
         ins = [channels, *widths[:-1]]
