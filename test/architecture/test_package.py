@@ -92,6 +92,17 @@ def test_ros2_run_finds_the_executables():
     assert settings["install"]["install_scripts"] == "$base/lib/neugrasp_ros"
 
 
+def test_every_folder_of_code_is_a_package():
+    """setuptools and import-linter pass over a folder without `__init__.py`."""
+    folders = {
+        path.parent
+        for name in ("neugrasp_ros", "sim_bridge")
+        for path in (ROOT / name).rglob("*.py")
+        if path.parent.name != "launch"
+    }
+    assert [f for f in sorted(folders) if not (f / "__init__.py").is_file()] == []
+
+
 def test_the_console_scripts_are_those_promised():
     assert SCRIPTS <= set(scripts())
 
