@@ -48,6 +48,10 @@ class PlacedObject:
         pose.setflags(write=False)
         object.__setattr__(self, "T_task_object", pose)
 
+    def at(self, T_task_object: FloatArray) -> "PlacedObject":
+        """Return the same object at another pose."""
+        return replace(self, T_task_object=T_task_object)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scene:

@@ -215,9 +215,15 @@ def _retreat_and_judge(
         width=gripper.width(),
         stop_depth=stop_depth,
         touched=touched,
-        object_body=gripper.contacts()[0].body_b,
+        object_body=_held_body(world, gripper),
         shake_held=_shake(gripper, rules, least) if rules.shake else None,
     )
+
+
+def _held_body(world: World, gripper: SimGripper) -> int:
+    """Return the object of the first contact: the benchmark clears just that one."""
+    touched = (contact.body_b for contact in gripper.contacts())
+    return next((body for body in touched if body in world.object_ids), -1)
 
 
 def _retreat_path(
