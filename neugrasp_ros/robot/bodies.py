@@ -165,8 +165,9 @@ def body_balls(hulls: Hulls, joints: int) -> FloatArray:
         own = np.flatnonzero(hulls.bodies == (body if body < joints else -1))
         if not len(own):
             continue
+        starts = hulls.vertex_starts
         points = np.concatenate(
-            [hulls.vertices[hulls.vertex_starts[g] : hulls.vertex_starts[g + 1]] for g in own]
+            [hulls.vertices[starts[g] : starts[g + 1]] for g in own]
         )
         center = (points.min(axis=0) + points.max(axis=0)) / 2
         balls[body, :3] = center
@@ -189,9 +190,8 @@ def _outline(shape: Any) -> FloatArray:
     if kind in ("Cylinder", "Capsule"):
         half = shape.halfLength + (shape.radius if kind == "Capsule" else 0.0)
         turn = (np.arange(SIDES) + 0.5) * 2 * np.pi / SIDES
-        ring = shape.radius / np.cos(np.pi / SIDES) * np.stack(
-            [np.cos(turn), np.sin(turn)], axis=1
-        )
+        outer = shape.radius / np.cos(np.pi / SIDES)
+        ring = outer * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         caps = [np.column_stack([ring, np.full(SIDES, z)]) for z in (-half, half)]
         return np.concatenate(caps)
     if kind == "Sphere":

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import RobotModelError, ShapeError
-from neugrasp_ros.robot.bodies import body_balls, joint_tree, robot_hulls
+from neugrasp_ros.robot.bodies import body_balls, body_poses, joint_tree, robot_hulls
 from neugrasp_ros.robot.contact import (
     FREE,
     SELF,
@@ -126,6 +126,29 @@ class CollisionChecker:
         )
         return codes
 
+    def off_robot(
+        self, points_base: FloatArray, q: FloatArray, margin: float = 0.02
+    ) -> NDArray[np.bool_]:
+        """Return which points (M, 3) are not the robot's own surface, shape (M,).
+
+        Args:
+            points_base: Points in the base frame in [m].
+            q: Configuration in which they were seen, shape (J,).
+            margin: Distance up to which a point belongs to a link in [m].
+        """
+        joints, hulls = len(q), self._hulls
+        rotations, positions = np.empty((joints + 1, 3, 3)), np.empty((joints + 1, 3))
+        body_poses(self._tree, np.asarray(q, dtype=float), rotations, positions)
+        off = np.ones(len(points_base), dtype=bool)
+        for g, body in enumerate(hulls.bodies):
+            R, p = rotations[body], positions[body]
+            near = np.linalg.norm(points_base - (R @ hulls.centers[g] + p), axis=1)
+            rows = np.flatnonzero(off & (near < hulls.radii[g] + margin))
+            faces = hulls.faces[hulls.face_starts[g] : hulls.face_starts[g + 1]]
+            heights = (points_base[rows] - p) @ R @ faces[:, :3].T - faces[:, 3]
+            off[rows] = (heights > margin).any(axis=1)
+        return off
+
     def _ask(
         self, configurations: FloatArray, group: str, obstacles: Obstacles | None
     ) -> tuple[IntArray, IntArray]:
@@ -135,7 +158,9 @@ class CollisionChecker:
         codes = np.zeros(len(configurations), dtype=np.int64)
         which = np.zeros(len(configurations), dtype=np.int64)
         configurations = np.ascontiguousarray(configurations, dtype=np.float64)
-        contacts(self._world(obstacles), self._scope(group), configurations, codes, which)
+        contacts(
+            self._world(obstacles), self._scope(group), configurations, codes, which
+        )
         return codes, which
 
     def _world(self, obstacles: Obstacles | None) -> World:
@@ -158,7 +183,9 @@ class CollisionChecker:
             neighbours = a == b or parents[a] == b and a >= 0
             neighbours |= b >= 0 and parents[b] == a
             opposite = a in slides and b in slides and parents[a] == parents[b]
-            if not (neighbours or opposite or (self.links[i], self.links[j]) in excluded):
+            if not (
+                neighbours or opposite or (self.links[i], self.links[j]) in excluded
+            ):
                 found.append((i, j))
         return np.array(found, dtype=np.int64).reshape(-1, 2)
 

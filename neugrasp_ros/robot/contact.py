@@ -59,6 +59,20 @@ class World(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _apart_across(C, t, a, b, margin):  # type: ignore[no-untyped-def]
+    """Try the nine axes that are perpendicular to an edge of each of two boxes."""
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            reach = a[i1] * abs(C[i2, j]) + a[i2] * abs(C[i1, j])
+            reach += b[j1] * abs(C[i, j2]) + b[j2] * abs(C[i, j1]) + margin
+            if abs(t[i2] * C[i1, j] - t[i1] * C[i2, j]) > reach:
+                return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _boxes_apart(d, A, a, B, b, margin):  # type: ignore[no-untyped-def]
     """Separating-axis test of two boxes.
 
@@ -88,15 +102,7 @@ def _boxes_apart(d, A, a, B, b, margin):  # type: ignore[no-untyped-def]
             gap += t[i] * C[i, j]
         if abs(gap) > reach:
             return True
-    for i in range(3):
-        i1, i2 = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            j1, j2 = (j + 1) % 3, (j + 2) % 3
-            reach = a[i1] * abs(C[i2, j]) + a[i2] * abs(C[i1, j])
-            reach += b[j1] * abs(C[i, j2]) + b[j2] * abs(C[i, j1]) + margin
-            if abs(t[i2] * C[i1, j] - t[i1] * C[i2, j]) > reach:
-                return True
-    return False
+    return _apart_across(C, t, a, b, margin)
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -204,7 +210,7 @@ def _hits_box(world, g, margin, poses, boxes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def point_in_hull(hulls, g, pose, point, margin):  # type: ignore[no-untyped-def]
-    """Return whether a point lies inside a posed hull whose faces move out by margin."""
+    """Return whether a point lies in a posed hull whose faces move out by margin."""
     R, p = pose
     x, y, z = point[0] - p[0], point[1] - p[1], point[2] - p[2]
     u = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
@@ -237,9 +243,7 @@ def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
             reach += abs(axes[i, j]) * hulls.halves[g, j]
         corner = center[i] - obstacles.origin[i]
         low[i] = max(0, int(np.floor((corner - reach) / CELL)))
-        high[i] = min(
-            obstacles.cells[i] - 1, int(np.floor((corner + reach) / CELL))
-        )
+        high[i] = min(obstacles.cells[i] - 1, int(np.floor((corner + reach) / CELL)))
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
             row = (i * obstacles.cells[1] + j) * obstacles.cells[2]

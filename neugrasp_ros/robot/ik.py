@@ -18,6 +18,8 @@ from numba import njit
 from neugrasp_ros.robot.chain import SerialChain, fill_jacobian, tip_and_axes
 
 MU, EPS = 0.02, 1e-6  # damping, relative and floor, at errors of the order of 1
+POLISH = 2  # steps more once inside the tolerance, so that paths come out smooth
+STALL_STEPS = 5  # in which the error must halve
 MAX_STEP = 0.8  # [rad] or [m], of any joint in one iteration
 
 
@@ -66,8 +68,8 @@ def _pose_error(rotation, position, target_rotation, target_position, error):  #
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _solve_damped(jacobian, weights, damping, error, matrix, solution):  # type: ignore[no-untyped-def]
-    """Solve (J W J^T + damping I) solution = error by Cholesky, in place."""
+def _fill_gram(jacobian, weights, damping, matrix):  # type: ignore[no-untyped-def]
+    """Write the lower half of J W J^T + damping I, shape (6, 6)."""
     joints = weights.shape[0]
     for i in range(6):
         for j in range(i + 1):
@@ -76,6 +78,11 @@ def _solve_damped(jacobian, weights, damping, error, matrix, solution):  # type:
                 total += jacobian[i, k] * weights[k] * jacobian[j, k]
             matrix[i, j] = total
         matrix[i, i] += damping
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _solve_cholesky(matrix, right, solution):  # type: ignore[no-untyped-def]
+    """Solve a positive definite 6x6 system; its lower half is overwritten."""
     for j in range(6):
         for k in range(j):
             for i in range(j, 6):
@@ -84,7 +91,7 @@ def _solve_damped(jacobian, weights, damping, error, matrix, solution):  # type:
         for i in range(j, 6):
             matrix[i, j] /= root
     for i in range(6):
-        total = error[i]
+        total = right[i]
         for k in range(i):
             total -= matrix[i, k] * solution[k]
         solution[i] = total / matrix[i, i]
@@ -96,56 +103,70 @@ def _solve_damped(jacobian, weights, damping, error, matrix, solution):  # type:
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _block_at_limits(problem, q, step, mobility):  # type: ignore[no-untyped-def]
+    """Take the mobility of joints that a limit stops; return whether there were any."""
+    blocked = False
+    for k in range(q.shape[0]):
+        below = q[k] <= problem.lower[k] and step[k] < 0.0
+        above = q[k] >= problem.upper[k] and step[k] > 0.0
+        if mobility[k] > 0.0 and (below or above):
+            mobility[k] = 0.0
+            blocked = True
+    return blocked
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _move(problem, q, jacobian, error, damping):  # type: ignore[no-untyped-def]
+    """Take one damped step, in place, inside the limits."""
+    joints = q.shape[0]
+    matrix, solution = np.empty((6, 6)), np.empty(6)
+    mobility, step = problem.weights.copy(), np.empty(joints)
+    for _ in range(3):
+        _fill_gram(jacobian, mobility, damping, matrix)
+        _solve_cholesky(matrix, error, solution)
+        for k in range(joints):
+            step[k] = 0.0
+            for i in range(6):
+                step[k] += mobility[k] * jacobian[i, k] * solution[i]
+        if not _block_at_limits(problem, q, step, mobility):
+            break
+    largest = np.max(np.abs(step))
+    scale = min(1.0, MAX_STEP / largest) if largest > 0.0 else 1.0
+    for k in range(joints):
+        moved = q[k] + scale * step[k]
+        q[k] = min(max(moved, problem.lower[k]), problem.upper[k])
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def solve_from(problem, target_rotation, target_position, q):  # type: ignore[no-untyped-def]
     """Move ``q`` (n,), in place, until its tip is at the target; return success."""
-    chain, weights = problem.chain, problem.weights
     joints = q.shape[0]
     rotation, position = np.empty((3, 3)), np.empty(3)
     axes, origins = np.empty((joints, 3)), np.empty((joints, 3))
-    jacobian, matrix = np.empty((6, joints)), np.empty((6, 6))
-    error, solution = np.empty(6), np.empty(6)
-    mobility, step = np.empty(joints), np.empty(joints)
-    checkpoint = np.inf
+    jacobian, error = np.empty((6, joints)), np.empty(6)
+    checkpoint, inside, best = np.inf, 0, np.empty(joints)
     for iteration in range(problem.max_iterations + 1):
-        tip_and_axes(chain, q, rotation, position, axes, origins)
+        tip_and_axes(problem.chain, q, rotation, position, axes, origins)
         distance, angle = _pose_error(
             rotation, position, target_rotation, target_position, error
         )
         if distance < problem.tolerance[0] and angle < problem.tolerance[1]:
+            if inside == POLISH:
+                return True
+            inside += 1
+            best[:] = q
+        elif inside:
+            q[:] = best  # polishing left the tolerance: stay where it was kept
             return True
         size = distance + 0.3 * angle
-        if iteration % 8 == 7:
+        if not inside and iteration % STALL_STEPS == STALL_STEPS - 1:
             if size > 0.5 * checkpoint:
                 return False  # stuck: the next seed is the better use of time
             checkpoint = size
-        fill_jacobian(chain, position, axes, origins, jacobian)
-        damping = MU * size * size + EPS
-        mobility[:] = weights
-        for _ in range(3):
-            _solve_damped(jacobian, mobility, damping, error, matrix, solution)
-            largest = 0.0
-            for k in range(joints):
-                total = 0.0
-                for i in range(6):
-                    total += jacobian[i, k] * solution[i]
-                step[k] = mobility[k] * total
-                largest = max(largest, abs(step[k]))
-            scale = min(1.0, MAX_STEP / largest) if largest > 0.0 else 1.0
-            blocked = False
-            for k in range(joints):
-                moved = q[k] + scale * step[k]
-                if mobility[k] > 0.0 and (
-                    (q[k] <= problem.lower[k] and moved < q[k])
-                    or (q[k] >= problem.upper[k] and moved > q[k])
-                ):
-                    mobility[k] = 0.0
-                    blocked = True
-            if not blocked:
-                break
-        for k in range(joints):
-            moved = q[k] + scale * step[k]
-            q[k] = min(max(moved, problem.lower[k]), problem.upper[k])
-    return False
+        fill_jacobian(problem.chain, position, axes, origins, jacobian)
+        _move(problem, q, jacobian, error, MU * size * size + EPS)
+    q[:] = best if inside else q
+    return inside > 0
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -164,9 +185,7 @@ def solve_batch(problem, targets, seeds, first, solutions, used):  # type: ignor
         used[i] = seeds.shape[0]
         for k in range(first[i], seeds.shape[0]):
             solutions[i] = seeds[k]
-            if solve_from(
-                problem, targets[i, :3, :3], targets[i, :3, 3], solutions[i]
-            ):
+            if solve_from(problem, targets[i, :3, :3], targets[i, :3, 3], solutions[i]):
                 used[i] = k
                 break
 

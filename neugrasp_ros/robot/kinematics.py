@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-WIDENING = 1.0  # [rad]; how far past its limits a joint may go to tell why there is none
+WIDENING = 1.0  # [rad]; past the limits, to tell why there is no solution
 SLIDE_WIDENING = 0.2  # [m]
 
 

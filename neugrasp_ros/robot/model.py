@@ -216,15 +216,18 @@ class RobotModel:
         neutral = pin.neutral(model)
         placements = [model.jointPlacements[j].homogeneous for j in supports]
         placements[0] = self.T_base_root @ placements[0]
-        columns = [
-            pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]
-            for j in supports
-        ]
+        columns = np.array(
+            [
+                pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]
+                for j in supports
+            ]
+        )
+        sliding = np.abs(columns[:, :3]).sum(axis=1) > 0.5
         limits = self.limits.take(indices)
         return make_chain(
             placements=np.array([*placements, frame.placement.homogeneous]),
-            axes=np.array([c[:3] if abs(c[:3]).sum() > 0.5 else c[3:] for c in columns]),
-            prismatic=np.array([abs(c[:3]).sum() > 0.5 for c in columns]),
+            axes=np.where(sliding[:, None], columns[:, :3], columns[:, 3:]),
+            prismatic=sliding,
             lower=limits.lower,
             upper=limits.upper,
         )
@@ -267,7 +270,7 @@ class RobotModel:
 
 
 def load_robot(name_or_path: str | Path, urdf: Path | None = None) -> RobotModel:
-    """Load a robot by its shipped name or from a YAML file (see ``load_description``)."""
+    """Load a robot by its name or its YAML file (see ``load_description``)."""
     return RobotModel(load_description(name_or_path, urdf))
 
 

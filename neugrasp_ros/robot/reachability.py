@@ -330,7 +330,9 @@ class _Search:
         )
         step = self.config.check_spacing
         # the end of each path, and every `step`-th pose before it
-        checked = self._contacts(number, retreat[rows, ::-1][:, ::step], ways.take(rows))
+        checked = self._contacts(
+            number, retreat[rows, ::-1][:, ::step], ways.take(rows)
+        )
         rows, held = rows[checked == FREE], held[checked == FREE]
         complete[:] = False
         checked = self._contacts(

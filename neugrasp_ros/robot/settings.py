@@ -18,7 +18,7 @@ class IkConfig(Checked):
         0.02, "Distance kept from every joint limit [rad or m]", 0.0, 1.0
     )
     slide_weight: float = option(
-        0.3, "Mobility of sliding joints against turning ones; the torso is slow", 1e-3, 1
+        0.3, "Mobility of sliding joints against turning ones", 0.001, 1.0
     )
 
 
