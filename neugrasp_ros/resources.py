@@ -29,3 +29,20 @@ def config_dir() -> Path:
 def weights_dir() -> Path:
     """Return the folder of the shipped network weights."""
     return Path(__file__).resolve().parent / "weights"
+
+
+def parameter_file(name_or_path: str) -> str:
+    """Return the path of a file of parameters, given as a path or by its shipped name.
+
+    Args:
+        name_or_path: A path, or a file of ``config/`` with or without ``.yaml``.
+
+    Raises:
+        ConfigError: If there is no such file.
+    """
+    shipped = config_dir() / name_or_path
+    candidates = (Path(name_or_path), shipped, shipped.with_suffix(".yaml"))
+    for candidate in candidates:
+        if candidate.is_file():
+            return str(candidate.resolve())
+    raise ConfigError(f"no such file: {', '.join(map(str, candidates))}")

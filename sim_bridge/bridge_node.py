@@ -177,7 +177,7 @@ class SimBridgeNode(Node):
         self._info = output(CameraInfo, f"{head}/camera_info", sensor_output())
         self._labels = self.create_publisher(Image, "~/segmentation", sensor_output())
         self._objects = self.create_publisher(MarkerArray, "~/objects", latched())
-        self._clock = self.create_publisher(ClockMessage, "/clock", newest())
+        self._clock_output = self.create_publisher(ClockMessage, "/clock", newest())
         self._states = self.create_publisher(JointState, "joint_states", 10)
         self._executed = self.create_publisher(GraspArray, "grasps/executed", newest())
         group = MutuallyExclusiveCallbackGroup()
@@ -204,7 +204,7 @@ class SimBridgeNode(Node):
     def _publish_clock(self) -> None:
         self.world.realtime_factor = self._config.current.realtime_factor
         stamp = to_stamp(self.world.snapshot.time)
-        self._clock.publish(ClockMessage(clock=stamp))
+        self._clock_output.publish(ClockMessage(clock=stamp))
 
     def _publish_joints(self) -> None:
         state = JointState(
@@ -233,7 +233,9 @@ class SimBridgeNode(Node):
                 self._closed.wait(POLL)
                 continue
             period = int(1e9 / self._config.current.camera.rate)
-            due = max(due + period, snapshot.time - period)
+            due += period
+            if due <= snapshot.time:  # missed: do not catch up
+                due = snapshot.time + period
             self._publish_images(snapshot)
 
     def _publish_images(self, snapshot: Snapshot) -> None:

@@ -13,7 +13,7 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor
 from rclpy.logging import get_logger
 
-from neugrasp_ros.errors import ConfigError, NeuGraspError
+from neugrasp_ros.errors import NeuGraspError
 from neugrasp_ros.resources import config_dir
 
 PROFILE_VARIABLES = (
@@ -133,16 +133,3 @@ def run(
             stop()
             executor.shutdown(timeout_sec=2.0)
     return 0
-
-
-def parameter_file(name_or_path: str) -> str:
-    """Return the path of a parameter file, given as a path or by its shipped name.
-
-    Raises:
-        ConfigError: If there is no such file.
-    """
-    shipped = config_dir() / f"{name_or_path}.yaml"
-    for candidate in (name_or_path, str(shipped)):
-        if os.path.isfile(candidate):
-            return os.path.abspath(candidate)
-    raise ConfigError(f"no parameter file {name_or_path} and none at {shipped}")

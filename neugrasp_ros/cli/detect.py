@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``neugrasp detect``: ask a running suite for grasps."""
+
+import argparse
+import json
+
+NONE_FOUND = 1
+NOT_RUNNING = 2
+
+
+def add_parser(
+    subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    """Add the command and its options."""
+    parser = subparsers.add_parser(
+        "detect",
+        help="ask a running suite for grasps",
+        description="Ask a running suite for grasps, like `ros2 service call "
+        "/detect_grasps neugrasp_msgs/srv/DetectGrasps`. Exit code 0: at least one "
+        "grasp, 1: none (the reason is printed), 2: the suite is not running, still "
+        "starting, or did not answer in time, 64: wrong usage.",
+    )
+    parser.add_argument("--affordance", default="", help="such as pour, or cut|stab")
+    parser.add_argument("--max-grasps", type=int, default=0, metavar="N")
+    parser.add_argument("--min-quality", type=float, default=-1.0, metavar="Q")
+    parser.add_argument("--frame", default="", help="frame of the answer")
+    parser.add_argument(
+        "--arm", action="append", default=[], help="planning group; may come twice"
+    )
+    parser.add_argument(
+        "--scene", default="fresh", choices=("current", "fresh", "reset")
+    )
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--timeout", type=float, default=30.0, metavar="SECONDS")
+    parser.add_argument("--ns", default="", metavar="/NAME", help="namespace")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask, print the answer, and return the exit code."""
+    from neugrasp_ros.nodes.client import NoAnswerError, SuiteClient
+    from neugrasp_ros.nodes.outcomes import Code
+
+    try:
+        with SuiteClient(args.ns) as client:
+            answer = client.detect(
+                timeout=args.timeout,
+                affordance=args.affordance,
+                max_grasps=args.max_grasps,
+                min_quality=args.min_quality,
+                frame_id=args.frame,
+                arms=args.arm,
+                scene=("current", "fresh", "reset").index(args.scene),
+                seed=args.seed,
+            )
+    except NoAnswerError as error:
+        print(json.dumps({"error": str(error)}) if args.json else str(error))
+        return NOT_RUNNING
+    print(json.dumps(answer, indent=1) if args.json else _table(answer))
+    if answer["grasps"]:
+        return 0
+    late = (Code.NOT_ACTIVE.name, Code.TIMEOUT.name)
+    return NOT_RUNNING if answer["code"] in late else NONE_FOUND
+
+
+def _table(answer: dict) -> str:
+    """Return an answer for people."""
+    lines = [f"{answer['code']}: {answer['message']}"]
+    if answer["grasps"]:
+        lines.append(f"frame {answer['frame_id']}, tool frame {answer['tcp_frame']}")
+        lines.append("  id     quality  width[mm]  x      y      z      arm")
+    for grasp in answer["grasps"]:
+        x, y, z = grasp["position"]
+        lines.append(
+            f"  {grasp['id']:<6} {grasp['quality']:7.3f}  {1e3 * grasp['width']:9.1f}  "
+            f"{x:6.3f} {y:6.3f} {z:6.3f} {grasp['arm']}"
+        )
+    spent = {k: v for k, v in answer["seconds"].items() if v > 0}
+    lines.append(", ".join(f"{k} {1e3 * v:.0f} ms" for k, v in spent.items()))
+    return "\n".join(lines)

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Processes under supervision: prefixed output, forwarded signals, an exit code."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+POLL = 0.1  # [s]
+PATIENCE = 10.0  # [s] between a polite signal and a stronger one
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A process to start: its name for the log, its command line."""
+
+    name: str
+    arguments: tuple[str, ...]
+
+
+def python_main(module: str, arguments: Sequence[str]) -> tuple[str, ...]:
+    """Return the command line that runs ``module.main`` with this interpreter."""
+    code = f"import sys; from {module} import main; sys.exit(main())"
+    return (sys.executable, "-c", code, *arguments)
+
+
+class Supervisor:
+    """Runs processes until one ends or all are told to.
+
+    Args:
+        commands: What to start.
+        write: Takes each line of output, with its prefix.
+    """
+
+    def __init__(
+        self,
+        commands: Sequence[Command],
+        write: Callable[[str], None] = lambda line: print(line, flush=True),
+    ) -> None:
+        self._write = write
+        self._stopping = threading.Event()
+        environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+        self.processes: dict[str, subprocess.Popen[str]] = {}
+        self._readers = []
+        for command in commands:
+            process = subprocess.Popen(
+                command.arguments,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                errors="replace",
+                env=environment,
+                start_new_session=True,  # the terminal's Ctrl-C comes through us
+            )
+            self.processes[command.name] = process
+            reader = threading.Thread(
+                target=self._read, args=(command.name, process), daemon=True
+            )
+            reader.start()
+            self._readers.append(reader)
+
+    def _read(self, name: str, process: "subprocess.Popen[str]") -> None:
+        if process.stdout is not None:
+            for line in process.stdout:
+                self._write(f"[{name}] {line.rstrip()}")
+
+    def request_stop(self) -> None:
+        """Make ``wait`` return; safe in a signal handler."""
+        self._stopping.set()
+
+    def wait(self) -> int:
+        """Wait until asked to stop or a process ends; then end all.
+
+        Returns:
+            0 if asked to stop and all ended well; else the exit code of the first
+            process that ended by itself, or 1 where that was 0.
+        """
+        code = 0
+        while not self._stopping.is_set():
+            ended = {n: p.poll() for n, p in self.processes.items()}
+            gone = {n: c for n, c in ended.items() if c is not None}
+            if gone:
+                name, value = next(iter(gone.items()))
+                self._write(f"[{name}] ended with exit code {value}; stopping all")
+                code = value if value > 0 else 1
+                break
+            self._stopping.wait(POLL)
+        self.stop()
+        return code
+
+    def stop(self) -> None:
+        """End all processes, politely first."""
+        for number in SIGNALS:
+            alive = [p for p in self.processes.values() if p.poll() is None]
+            for process in alive:
+                process.send_signal(number)
+            deadline = time.monotonic() + PATIENCE
+            for process in alive:
+                try:
+                    process.wait(max(deadline - time.monotonic(), 0.01))
+                except subprocess.TimeoutExpired:
+                    continue
+        for reader in self._readers:
+            reader.join(timeout=1.0)
+        for process in self.processes.values():
+            if process.stdout is not None:
+                process.stdout.close()
+
+
+@contextmanager
+def stop_on_signals(supervisor: Supervisor) -> Iterator[None]:
+    """Let SIGINT and SIGTERM end a supervisor's processes while the block runs."""
+    before = {
+        number: signal.signal(number, lambda *_: supervisor.request_stop())
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A client of a running suite, for the command line."""
+
+import math
+import threading
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from builtin_interfaces.msg import Duration
+from neugrasp_msgs.msg import Grasp
+from neugrasp_msgs.srv import DetectGrasps
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.nodes.outcomes import Code
+from neugrasp_ros.nodes.runtime import prepare
+
+SLACK = 5.0  # [s] beyond the request's own timeout
+
+
+class NoAnswerError(NeuGraspError):
+    """The suite is not there or does not answer."""
+
+
+class SuiteClient:
+    """A node that calls the suite's services.
+
+    Args:
+        namespace: Namespace of the suite.
+    """
+
+    def __init__(self, namespace: str = "") -> None:
+        prepare()
+        self._context = Context()
+        rclpy.init(args=[], context=self._context)
+        self.node = Node(
+            "neugrasp_cli", context=self._context, namespace=namespace or None
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            return
+
+    def __enter__(self) -> "SuiteClient":
+        """Return the client itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave ROS."""
+        self._executor.shutdown(timeout_sec=2.0)
+        self._thread.join(timeout=2.0)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def call(self, client: Client, request: Any, timeout: float) -> Any:
+        """Call a service.
+
+        Raises:
+            NoAnswerError: If the service is not there, or not answered in time [s].
+        """
+        if not client.wait_for_service(timeout_sec=timeout):
+            raise NoAnswerError(
+                f"nobody offers {client.srv_name}: is the suite running (neugrasp up), "
+                "with the same ROS_DOMAIN_ID and namespace?"
+            )
+        done = threading.Event()
+        future = client.call_async(request)
+        future.add_done_callback(lambda _: done.set())
+        if not done.wait(timeout + SLACK):
+            raise NoAnswerError(f"no answer from {client.srv_name} in {timeout} s")
+        return future.result()
+
+    def detect(self, *, timeout: float, **fields: Any) -> dict[str, Any]:
+        """Ask for grasps and return the answer as plain values.
+
+        Args:
+            timeout: Of the request in [s].
+            fields: Fields of ``DetectGrasps.Request``.
+
+        Raises:
+            NoAnswerError: If the suite is not there or does not answer.
+        """
+        client = self.node.create_client(DetectGrasps, "detect_grasps")
+        whole = math.floor(timeout)
+        request = DetectGrasps.Request(**fields)
+        request.timeout = Duration(sec=whole, nanosec=int((timeout - whole) * 1e9))
+        return as_values(self.call(client, request, timeout))
+
+
+def as_values(response: DetectGrasps.Response) -> dict[str, Any]:
+    """Return an answer as values for JSON; what was not computed is None."""
+    report, array = response.report, response.grasps
+    fields = report.get_fields_and_field_types()
+    counts = ("views", "sampled", *(f for f in fields if f.startswith("after_")))
+    prefix = "seconds_"
+    return {
+        "code": Code(report.code).name,
+        "message": report.message,
+        "counts": {name: getattr(report, name) for name in counts},
+        "seconds": {
+            name.removeprefix(prefix): getattr(report, name)
+            for name in fields
+            if name.startswith(prefix)
+        },
+        "frame_id": array.header.frame_id,
+        "tcp_frame": array.tcp_frame,
+        "gripper": array.gripper,
+        "axes": array.axes,
+        "affordance_labels": list(array.affordance_labels),
+        "grasps": [_grasp_values(grasp) for grasp in array.grasps],
+    }
+
+
+def _grasp_values(grasp: Grasp) -> dict[str, Any]:
+    p, q = grasp.pose.position, grasp.pose.orientation
+    return {
+        "id": grasp.id,
+        "position": [p.x, p.y, p.z],
+        "quaternion_xyzw": [q.x, q.y, q.z, q.w],
+        "width": grasp.width,
+        "quality": _number(grasp.quality),
+        "affordance": _number(grasp.affordance),
+        "affordance_scores": list(grasp.affordance_scores),
+        "arm": grasp.arm,
+        "manipulability": _number(grasp.manipulability),
+        "joint_positions": list(grasp.joint_positions),
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
