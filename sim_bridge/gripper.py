@@ -286,11 +286,3 @@ class SimGripper:
         self._reset_jaws(opening)
         self.world.detect_collisions()
         return self.contacts()
-
-    def query_finger_contacts(
-        self, T_world_gripper: FloatArray, opening: float
-    ) -> list[Contact]:
-        """Return what the fingers alone would touch, as ``query_contacts`` does."""
-        fingers = (self._left, self._right)
-        contacts = self.query_contacts(T_world_gripper, opening)
-        return [contact for contact in contacts if contact.link_a in fingers]

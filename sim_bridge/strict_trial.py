@@ -117,9 +117,9 @@ class _ApproachWatch:
     def has_failed(self) -> bool:
         """Judge the last step; ``reason`` then says why."""
         contacts = self._gripper.contacts()
-        if not contacts:
-            return False
-        self.touched = True
+        self.touched = self.touched or bool(contacts)
+        if not self.touched:
+            return False  # nobody else moves anything
         force = sum(c.force for c in contacts if c.body_b not in self._before)
         if force > self._rules.table_force:
             self.reason = TABLE_CONTACT
