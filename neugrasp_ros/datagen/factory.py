@@ -14,7 +14,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from neugrasp_ros.datagen.jobs import RunPlan
-from neugrasp_ros.datagen.labels import REASONS, SceneLabels, label_scene
+from neugrasp_ros.datagen.labels import (
+    REASONS,
+    SceneJob,
+    SceneLabels,
+    label_scene,
+)
 from neugrasp_ros.datagen.pool import Outcome, run_dask, run_local
 from neugrasp_ros.datagen.shards import done_indices, next_shard_path, write_shard
 from neugrasp_ros.errors import ConfigError, ShardError
@@ -89,6 +94,7 @@ def run_factory(
     n_workers: int = 1,
     dask_address: str | None = None,
     report: Callable[[Progress], None] | None = None,
+    work: Callable[[SceneJob], SceneLabels] = label_scene,
 ) -> Progress:
     """Label the scenes of a plan that a folder does not hold yet.
 
@@ -98,6 +104,7 @@ def run_factory(
         n_workers: Processes on this machine.
         dask_address: Scheduler of a Dask cluster to use instead.
         report: Called after every scene.
+        work: What labels a scene; a function that processes can import by its name.
 
     Returns:
         The counts at the end.
@@ -114,9 +121,9 @@ def run_factory(
     jobs = plan.jobs(done)
     progress = Progress(plan.n_scenes, n_done=len(done), _n_before=len(done))
     if dask_address is None:
-        outcomes = run_local(label_scene, jobs, n_workers)
+        outcomes = run_local(work, jobs, n_workers)
     else:
-        outcomes = run_dask(label_scene, jobs, dask_address)
+        outcomes = run_dask(work, jobs, dask_address)
     _store(outcomes, folder, progress, report)
     return progress
 

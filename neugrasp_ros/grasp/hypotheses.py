@@ -183,9 +183,8 @@ def hands_onto(
     cos, sin, zero = np.cos(yaws), np.sin(yaws), np.zeros_like(yaws)
     turn = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, zero + 1], axis=-1)
     tilt = rotation_matrices(tilts)
-    rotations = np.einsum(
-        "sij,syjk,tkl->sytil", upright, turn.reshape(*yaws.shape, 3, 3), tilt
-    )
+    turned = upright[:, None] @ turn.reshape(*yaws.shape, 3, 3)
+    rotations = turned[:, :, None] @ tilt
     flat = rotations.reshape(len(points), -1, 3, 3)
     return make_transform(flat, points[:, None])
 

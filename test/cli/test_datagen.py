@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+import argparse
+
+import pytest
+
+from neugrasp_ros.cli import datagen
+from neugrasp_ros.datagen import factory
+from neugrasp_ros.errors import ConfigError
+
+
+def parse(*words):
+    parser = argparse.ArgumentParser()
+    datagen.add_parser(parser.add_subparsers())
+    return parser.parse_args(["datagen", *words])
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    seen = []
+
+    def fake(plan, folder, **kwargs):
+        seen.append((plan, folder, kwargs))
+        progress = factory.Progress(plan.n_scenes, n_done=plan.n_scenes)
+        progress.skipped += ["scene 3: why"] * (plan.seed == 9)
+        kwargs["report"](progress)
+        return progress
+
+    monkeypatch.setattr(factory, "run_factory", fake)
+    return seen
+
+
+def test_words_become_a_plan(calls, capsys):
+    args = parse(
+        "--out", "d", "--objects", "pile:x,packed:y", "--gripper", "panda",
+        "--scenes", "7", "--seed", "4", "--workers", "3", "--split", "tune",
+    )  # fmt: skip
+    assert args.run(args) == 0
+    plan, folder, kwargs = calls[0]
+    assert plan.objects == ("pile:x", "packed:y")
+    assert (plan.gripper, plan.n_scenes, plan.seed, plan.split) == (
+        "panda",
+        7,
+        4,
+        "tune",
+    )
+    assert folder == "d"
+    assert (kwargs["n_workers"], kwargs["dask_address"]) == (3, None)
+    assert "7/7 scenes" in capsys.readouterr().out
+
+
+def test_lost_scenes_are_named_and_change_the_exit_code(calls, capsys):
+    args = parse("--out", "d", "--seed", "9")
+    assert args.run(args) == 1
+    assert "skipped scene 3: why" in capsys.readouterr().out
+
+
+def test_the_engine_needs_an_address_when_it_is_dask(calls):
+    args = parse("--out", "d", "--engine", "dask", "tcp://host:1")
+    assert args.run(args) == 0
+    assert calls[0][2]["dask_address"] == "tcp://host:1"
+    for words in (["dask"], ["ray", "x"], ["local", "x"]):
+        args = parse("--out", "d", "--engine", *words)
+        with pytest.raises(ConfigError, match="--engine"):
+            args.run(args)

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+import errno
+
+import numpy as np
+import pytest
+from label_work import label_or_fail, labels_of
+
+from neugrasp_ros.datagen import factory, shards
+from neugrasp_ros.datagen.factory import run_factory
+from neugrasp_ros.datagen.jobs import RunPlan
+from neugrasp_ros.datagen.shards import done_indices, load_shards, shard_paths
+from neugrasp_ros.errors import ConfigError, ShardError
+
+
+def plan(n_scenes=5, seed=0):
+    return RunPlan(
+        objects=("procedural",), kind="pile", gripper="panda", n_scenes=n_scenes,
+        seed=seed,
+    )  # fmt: skip
+
+
+def test_a_run_labels_what_it_can_and_names_what_it_lost(tmp_path):
+    lines = []
+    progress = run_factory(
+        plan(), tmp_path, n_workers=0, work=label_or_fail,
+        report=lambda p: lines.append(p.line()),
+    )  # fmt: skip
+    assert done_indices(tmp_path) == {0, 2, 3, 4}
+    assert (progress.n_done, progress.n_labels) == (4, 16)
+    assert len(progress.skipped) == 1
+    assert "scene 1 " in (tmp_path / "skipped.log").read_text()
+    assert "broken mesh" in progress.skipped[0]
+    assert len(lines) == 5
+    assert "4/5 scenes, 16 labels" in lines[-1]
+    assert "ETA" in lines[-1]
+    expected = sum(int(labels_of(i).grasps.labels.sum()) for i in (0, 2, 3, 4))
+    assert progress.n_positive == progress.reasons["success"] == expected
+
+
+def test_a_second_start_does_only_what_is_missing(tmp_path):
+    seen = []
+
+    def work(job):
+        seen.append(job.index)
+        return labels_of(job.index)
+
+    run_factory(plan(3), tmp_path, n_workers=0, work=work)
+    run_factory(plan(5), tmp_path, n_workers=0, work=work)
+    assert seen == [0, 1, 2, 3, 4]
+    assert len(shard_paths(tmp_path)) == 2
+
+
+def test_an_interrupted_run_keeps_what_was_labelled(tmp_path):
+    def work(job):
+        if job.index == 3:
+            raise KeyboardInterrupt
+        return labels_of(job.index)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_factory(plan(), tmp_path, n_workers=0, work=work)
+    assert done_indices(tmp_path) == {0, 1, 2}
+
+
+def test_shards_are_written_on_the_way(tmp_path, monkeypatch):
+    monkeypatch.setattr(factory, "FLUSH_SCENES", 2)
+    run_factory(plan(), tmp_path, n_workers=0, work=label_or_fail)
+    assert [len(shards.read_shard(p)) for p in shard_paths(tmp_path)] == [2, 2]
+
+
+def test_a_full_disk_stops_with_what_to_do(tmp_path, monkeypatch):
+    monkeypatch.setattr(factory, "FLUSH_SCENES", 2)
+    run_factory(plan(2), tmp_path, n_workers=0, work=label_or_fail)
+
+    def fail(file, **columns):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", fail)
+    with pytest.raises(ShardError, match="disk is full.*start again"):
+        run_factory(plan(), tmp_path, n_workers=0, work=label_or_fail)
+    assert [labels.index for labels in load_shards(tmp_path)] == [0]
+
+
+def test_a_folder_holds_one_plan(tmp_path):
+    run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
+    with pytest.raises(ConfigError, match="begun with another plan.*seed"):
+        run_factory(plan(1, seed=9), tmp_path, n_workers=0, work=label_or_fail)
