@@ -3,6 +3,7 @@
 
 import hashlib
 import json
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,8 @@ def save_network(
 ) -> None:
     """Write weights, the configuration they need, and how they were made.
 
+    The file appears only when it is whole.
+
     Args:
         network: The network.
         path: A ``.safetensors`` file.
@@ -71,7 +74,9 @@ def save_network(
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     tensors = {k: v.contiguous() for k, v in network.state_dict().items()}
-    save_file(tensors, path, metadata=metadata)
+    part = path.with_suffix(".part")
+    save_file(tensors, part, metadata=metadata)
+    os.replace(part, path)
 
 
 def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
@@ -96,18 +101,30 @@ def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
             metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
-        raise CheckpointError(path, f"not a whole safetensors file ({error})") from error
+        raise CheckpointError(
+            path, f"not a whole safetensors file ({error})"
+        ) from error
     if metadata.get("format") != FORMAT:
         raise CheckpointError(
             path, f"format {metadata.get('format')!r}, expected {FORMAT!r}"
         )
+    values, card = (_mapping(metadata, key, path) for key in ("config", "card"))
     try:
-        values = json.loads(metadata["config"])
-        network = GraspNetwork(override(NetworkConfig, values, where=str(path)))
-    except (KeyError, json.JSONDecodeError, NeuGraspError) as error:
+        network = GraspNetwork(override(NetworkConfig, values, where="config"))
+    except NeuGraspError as error:
         raise CheckpointError(path, f"unusable configuration ({error})") from error
     _load_exactly(network, tensors, path)
-    return network.eval(), json.loads(metadata.get("card", "{}"))
+    return network.eval(), card
+
+
+def _mapping(metadata: dict[str, str], key: str, path: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(metadata.get(key, "null"))
+    except json.JSONDecodeError as error:
+        raise CheckpointError(path, f"its {key} is not JSON ({error})") from error
+    if not isinstance(values, dict):
+        raise CheckpointError(path, f"its {key} is no JSON object, got {values!r}")
+    return values
 
 
 def _load_exactly(

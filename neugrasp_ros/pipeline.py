@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neugrasp_ros.config import PlannerConfig
-from neugrasp_ros.errors import EmptySceneError, RevisionError, ShapeError
+from neugrasp_ros.errors import ConfigError, EmptySceneError, RevisionError, ShapeError
 from neugrasp_ros.fusion.tsdf import TsdfVolume
 from neugrasp_ros.geometry.grid import ScalarGrid
 from neugrasp_ros.geometry.gripper import Gripper, load_gripper
@@ -129,9 +129,9 @@ class GraspPlanner:
                 return known
             if known is not None and same and _equal(known.volume, volume):
                 return known
-            if volume.distances.shape != (self.resolution,) * 3:
-                expected = f"({self.resolution},) * 3"
-                raise ShapeError("volume", expected, volume.distances.shape)
+            expected = (self.resolution,) * 3
+            if volume.distances.shape != expected:
+                raise ShapeError("volume", str(expected), volume.distances.shape)
             if not volume.observed.any():
                 raise EmptySceneError("no voxel of the volume was ever observed")
             with self._timed("encoding"):
@@ -228,7 +228,10 @@ class GraspPlanner:
 
         Raises:
             RevisionError: If ``revision`` is not the scene's.
+            ConfigError: If a pose or a width is not finite.
         """
+        if not (np.isfinite(grasps.poses).all() and np.isfinite(grasps.widths).all()):
+            raise ConfigError("grasps: a pose or a width is not a finite number")
         if revision is not None and revision != scene.revision:
             raise RevisionError(
                 f"grasps of volume revision {revision}, but the scene at hand is of "
@@ -280,6 +283,6 @@ class GraspPlanner:
 
 
 def _equal(a: TsdfVolume, b: TsdfVolume) -> bool:
-    return a.distances.shape == b.distances.shape and bool(
+    return a.voxel_size == b.voxel_size and bool(
         np.array_equal(a.distances, b.distances, equal_nan=True)
     )

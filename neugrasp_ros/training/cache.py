@@ -2,6 +2,7 @@
 """What training reads of a scene, rendered once and kept in a cache folder."""
 
 import os
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,7 +101,7 @@ def load_entry(path: Path) -> SceneEntry:
                 points,
                 np.unpackbits(file["occupied"], count=len(points)).astype(bool),
             )
-    except (KeyError, ValueError, OSError, EOFError, BadZipFile) as error:
+    except (KeyError, ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
         raise ShardError(f"{path}: not a whole scene entry ({error})") from error
 
 

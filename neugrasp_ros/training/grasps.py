@@ -6,6 +6,7 @@ truth: a detector trained on true surfaces meets other ones at work (learning sh
 """
 
 import os
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -156,7 +157,7 @@ def load_grasps(path: Path) -> GraspEntry:
     try:
         with np.load(path, allow_pickle=False) as file:
             return GraspEntry(**{f.name: file[f.name] for f in fields(GraspEntry)})
-    except (KeyError, ValueError, OSError, EOFError, BadZipFile) as error:
+    except (KeyError, ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
         raise ShardError(f"{path}: not a whole grasp entry ({error})") from error
 
 

@@ -8,6 +8,7 @@ averaged by ``torch.distributed``.
 import json
 import logging
 import os
+import pickle
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -24,6 +25,12 @@ from neugrasp_ros.errors import CheckpointError
 LOGGER = logging.getLogger(__name__)
 REPORT_SECONDS = 15.0
 GRADIENT_NORM = 1.0  # gradients are clipped to this length
+
+DAMAGED = (
+    KeyError, TypeError, ValueError, OSError, EOFError, RuntimeError,
+    pickle.UnpicklingError,
+)  # fmt: skip
+"""What reading half a state, or another model's, raises."""
 
 LossFunction = Callable[[int], dict[str, Tensor]]
 
@@ -145,6 +152,7 @@ def _save(
         "model": model.state_dict(),
         "optimiser": optimiser.state_dict(),
         "history": progress.history,
+        "random": torch.get_rng_state(),  # dropout goes on where it was
     }
     part = folder / "state.part"
     torch.save(state, part)
@@ -169,10 +177,10 @@ def _restore(
             )
         model.load_state_dict(state["model"])
         optimiser.load_state_dict(state["optimiser"])
-    except (KeyError, RuntimeError, EOFError, OSError, ValueError) as error:
-        if isinstance(error, CheckpointError):
-            raise
+        torch.set_rng_state(state.get("random", torch.get_rng_state()))
+        progress.history = list(state["history"])
+        start = int(state["step"])
+    except DAMAGED as error:
         raise CheckpointError(path, f"cannot be resumed from ({error})") from error
-    progress.history = list(state["history"])
-    LOGGER.info("going on from step %d", state["step"])
-    return int(state["step"])
+    LOGGER.info("going on from step %d", start)
+    return start

@@ -48,9 +48,7 @@ def expected_calibration_error(probabilities: FloatArray, labels: FloatArray) ->
     return float(error)
 
 
-def platt_scaling(
-    probabilities: FloatArray, labels: FloatArray
-) -> tuple[float, float]:
+def platt_scaling(probabilities: FloatArray, labels: FloatArray) -> tuple[float, float]:
     """Fit ``sigmoid(scale * logit + bias)`` to labels by maximum likelihood.
 
     Args:

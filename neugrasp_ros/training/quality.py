@@ -214,5 +214,3 @@ def predict(network: GraspNetwork, cache: GraspCache) -> tuple[np.ndarray, np.nd
         probabilities.append(network.probability(logits).numpy())
         labels.append(batch.labels.numpy())
     return np.concatenate(probabilities), np.concatenate(labels)
-
-

@@ -69,7 +69,7 @@ def table_scene(scene: Scene) -> MeshScene:
 
 
 def random_camera(views: ViewRange, rng: np.random.Generator) -> FloatArray:
-    """Draw a camera pose ``T_task_camera`` that looks at the foot of the cube's axis."""
+    """Draw a pose ``T_task_camera`` that looks at the foot of the cube's axis."""
     polar = rng.uniform(*views.polar)
     azimuth = rng.uniform(0.0, 2 * np.pi)
     radius = rng.uniform(*views.radius)
