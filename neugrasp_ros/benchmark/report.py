@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of a benchmark, as a line for people and as JSON for the record."""
+
+import json
+import os
+import subprocess
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neugrasp_ros.benchmark.metrics import summarize
+from neugrasp_ros.benchmark.protocol import Suite
+from neugrasp_ros.benchmark.records import RoundRecord
+from neugrasp_ros.model import default_weights, file_sha256
+
+
+def say(rounds: Sequence[RoundRecord], n_rounds: int) -> str:
+    """Return one line about the rounds so far."""
+    attempts = sum(len(r.attempts) for r in rounds)
+    successes = sum(r.n_successes for r in rounds)
+    objects = sum(r.n_counted for r in rounds)
+    return (
+        f"round {len(rounds)}/{n_rounds}: {successes}/{attempts} attempts, "
+        f"{successes}/{objects} objects, last ended: {rounds[-1].ended}"
+    )
+
+
+def source_commit() -> str:
+    """Return the commit of the source tree; empty outside a checkout."""
+    answer = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return answer.stdout.strip()
+
+
+def figures(
+    suite: Suite,
+    policy: str,
+    rounds: Sequence[RoundRecord],
+    weights: str,
+    command: str,
+) -> dict[str, Any]:
+    """Return everything that a reader needs to believe, or repeat, the figures.
+
+    Args:
+        suite: What was benchmarked.
+        policy: Who chose the grasps.
+        rounds: What came of it.
+        weights: Weights file; empty for the shipped one.
+        command: The command line that was run.
+    """
+    path = Path(weights) if weights else default_weights()
+    settings = {**asdict(suite), "objects": os.path.basename(suite.objects)}
+    hidden = os.path.dirname(suite.objects)
+    if hidden:
+        command = command.replace(hidden, "$OBJECTS")
+    return {
+        **summarize(rounds, np.random.default_rng(0)),
+        **{f"suite_{k}" if k == "objects" else k: v for k, v in settings.items()},
+        "policy": policy,
+        "n_rounds": len(rounds),
+        "weights_sha256": file_sha256(path),
+        "command": command,
+        "commit": source_commit(),
+    }
+
+
+def write_report(path: Path, result: dict[str, Any]) -> None:
+    """Write figures as JSON, one key a line."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n")

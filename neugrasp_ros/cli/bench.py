@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``neugrasp bench``: clutter-removal rounds in physics."""
+
+import argparse
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(
+    subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    """Add the command and its options."""
+    parser = subparsers.add_parser("bench", help="clutter-removal rounds in physics")
+    add = parser.add_argument
+    add("--scene", default="pile", choices=("pile", "packed", "egad"))
+    add("--view", default="random", choices=("fixed", "random", "hard"))
+    add("--objects", default="procedural", metavar="DIR|NAME")
+    add("--part", default="val", choices=("train", "tune", "val", "all"))
+    add("--gripper", default="panda", metavar="NAME|FILE")
+    add("--protocol", default="vgn", choices=("vgn", "strict"))
+    add("--policy", default="neugrasp", choices=("neugrasp", "random", "geometry"))
+    add("--rounds", type=int, default=100)
+    add("--seed", type=int, default=0)
+    add("--workers", type=int, default=1)
+    add("--weights", default="", help="weights file; default the shipped one")
+    add("--json", type=Path, help="where the figures go")
+    parser.set_defaults(run=run)
+
+
+def _setup(policy: str, config: Any, full_opening: bool) -> tuple[Any, None]:
+    import torch
+
+    from neugrasp_ros.benchmark.policies import make_policy
+
+    torch.set_num_threads(1)
+    return make_policy(policy, config, full_opening), None
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the rounds, say how it goes, write the figures."""
+    from neugrasp_ros.benchmark.protocol import PROTOCOLS, Suite
+    from neugrasp_ros.benchmark.report import figures, say, write_report
+    from neugrasp_ros.benchmark.runner import run_suite
+    from neugrasp_ros.config import PlannerConfig
+    from neugrasp_ros.errors import ConfigError
+
+    if args.rounds < 1:
+        raise ConfigError(f"--rounds must be positive, got {args.rounds}")
+    names = ("scene", "view", "objects", "part", "gripper", "protocol", "seed")
+    suite = Suite(**{name: getattr(args, name) for name in names})
+    config = PlannerConfig(weights=args.weights, gripper=args.gripper, threads=1)
+    full = PROTOCOLS[args.protocol].full_opening
+    setup = partial(_setup, args.policy, config, full)
+    rounds = []
+    for record in run_suite(suite, range(args.rounds), setup, args.workers):
+        rounds.append(record)
+        print(say(rounds, args.rounds), flush=True)
+    command = "neugrasp " + " ".join(sys.argv[1:])
+    result = figures(suite, args.policy, rounds, args.weights, command)
+    if args.json:
+        write_report(args.json, result)
+    print({k: v for k, v in result.items() if k not in ("rounds", "attempt_list")})
+    return 0
