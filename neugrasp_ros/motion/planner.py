@@ -20,6 +20,10 @@ from neugrasp_ros.errors import MotionError
 from neugrasp_ros.motion.limits import Limits, Trajectory, join_trajectories
 from neugrasp_ros.motion.timing import time_curve, time_line
 
+# OMPL has one generator per process and takes a seed only before its first number.
+ou.RNG.setSeed(1)
+ou.setLogLevel(ou.LogLevel.LOG_NONE)
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 FreeCheck = Callable[[FloatArray], BoolArray]
@@ -60,13 +64,12 @@ class TransitPlanner:
         self._limits, self._names, self._is_free = limits, joint_names, is_free
         self._config = config or TransitConfig()
 
-    def plan(self, start: FloatArray, goal: FloatArray, *, seed: int = 1) -> FloatArray:
+    def plan(self, start: FloatArray, goal: FloatArray) -> FloatArray:
         """Find corner points of a free way.
 
         Args:
             start: Joint values, shape (n,).
             goal: Joint values, shape (n,).
-            seed: Seed of the search, at least 1; OMPL has one generator per process.
 
         Returns:
             Points with free straight lines between them, first the start, last the
@@ -88,23 +91,22 @@ class TransitPlanner:
                 raise MotionError(f"the {name} is in collision")
         if self.line_is_free(start, goal):
             return ends
-        return self._search(start, goal, seed)
+        return self._search(start, goal)
 
     def move(
-        self, start: FloatArray, goal: FloatArray, *, seed: int = 1, step: float = 0.02
+        self, start: FloatArray, goal: FloatArray, *, step: float = 0.02
     ) -> Trajectory:
         """Find a free way and time it: in one sweep where rounded corners stay free.
 
         Args:
             start: Joint values, shape (n,).
             goal: Joint values, shape (n,).
-            seed: Seed of the search, at least 1.
             step: Spacing of the samples in [s].
 
         Raises:
             MotionError: As ``plan``.
         """
-        points = self.plan(start, goal, seed=seed)
+        points = self.plan(start, goal)
         legs = [
             time_line(a, b, self._limits, self._names, step=step)
             for a, b in zip(points[:-1], points[1:], strict=True)
@@ -134,11 +136,9 @@ class TransitPlanner:
         dense = [points[:1]]
         for a, b in zip(points[:-1], points[1:], strict=True):
             seconds = np.linalg.norm((b - a) / self._limits.velocity)
-            count = max(1, int(np.ceil(seconds / self._config.corner)))
+            count = max(2, int(np.ceil(seconds / self._config.corner)))
             dense.append(a + np.linspace(0, 1, count + 1)[1:, None] * (b - a))
         control = np.concatenate(dense)
-        # an end that is repeated keeps the curve on the line there
-        control = np.concatenate([control[:1], control, control[-1:]])
         inner = np.linspace(0.0, 1.0, len(control) - 2)
         knots = np.concatenate([[0.0] * 3, inner, [1.0] * 3])
         return BSpline(knots, control, 3)
@@ -149,7 +149,7 @@ class TransitPlanner:
         count = int(np.ceil(largest / self._config.check_step)) + 1
         return np.linspace(0.0, 1.0, max(2, count))
 
-    def _search(self, start: FloatArray, goal: FloatArray, seed: int) -> FloatArray:
+    def _search(self, start: FloatArray, goal: FloatArray) -> FloatArray:
         speed = self._limits.velocity
         space = ob.RealVectorStateSpace(len(speed))
         bounds = ob.RealVectorBounds(len(speed))
@@ -157,7 +157,6 @@ class TransitPlanner:
             bounds.setLow(k, float(self._limits.lower[k] / speed[k]))
             bounds.setHigh(k, float(self._limits.upper[k] / speed[k]))
         space.setBounds(bounds)
-        ou.RNG.setSeed(seed)
         setup = og.SimpleSetup(space)
         information = setup.getSpaceInformation()
 

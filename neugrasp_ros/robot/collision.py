@@ -35,6 +35,10 @@ class CollisionChecker:
 
     Only pairs whose distance the asked group can change are looked at. A link and its
     parent may touch, and so may the pairs that the description excludes.
+
+    Attributes:
+        links: Link of each hull.
+        pairs: Hulls that must not touch each other, shape (P, 2).
     """
 
     def __init__(
@@ -61,7 +65,7 @@ class CollisionChecker:
         self._hulls, self.links = robot_hulls(robot)
         self._balls = body_balls(self._hulls, len(robot.joint_names))
         self._padding, self._jaw_padding = padding, jaw_padding
-        self._pairs = self._find_pairs()[: None if check_self else 0]
+        self.pairs = self._find_pairs()[: None if check_self else 0]
         self._nothing = make_obstacles()
         self._scopes: dict[str, Scope] = {}
 
@@ -205,7 +209,7 @@ class CollisionChecker:
         # joints of the group on the way from the base to each hull
         ways = [active & self._ancestors(body) for body in self._hulls.bodies]
         pairs = np.array(
-            [(i, j) for i, j in self._pairs if ways[i] ^ ways[j]], dtype=np.int64
+            [(i, j) for i, j in self.pairs if ways[i] ^ ways[j]], dtype=np.int64
         ).reshape(-1, 2)
         bodies = np.where(self._hulls.bodies < 0, len(everything), self._hulls.bodies)
         pairs = pairs[np.lexsort(bodies[pairs].T)]
