@@ -3,6 +3,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,18 @@ def part_volume(part: Part) -> float:
     return primitive_volume(part.kind, part.size)
 
 
+class PointLabels(NamedTuple):
+    """Points of a surface with what holding them affords.
+
+    Attributes:
+        points: In the object's frame in [m], shape (N, 3).
+        classes: One column per affordance class, shape (N, 7).
+    """
+
+    points: FloatArray
+    classes: NDArray[np.bool_]
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class ObjectModel:
     """An object in its own frame: z up, origin near the centre of its bounds.
@@ -109,6 +122,8 @@ class ObjectModel:
         center_of_mass: In the object's frame in [m], shape (3,).
         note: What about the model is approximate, in words; empty if nothing is.
         file_unit: Metres per unit of the file it came from [m].
+        point_labels: Affordances of its surface, if they came with it and do not
+            follow from its parts.
     """
 
     name: str
@@ -122,6 +137,7 @@ class ObjectModel:
     center_of_mass: FloatArray = field(default_factory=lambda: np.zeros(3))
     note: str = ""
     file_unit: float = 1.0
+    point_labels: PointLabels | None = None
 
     def __post_init__(self) -> None:
         """Check the mass and make the arrays read-only.
@@ -142,8 +158,12 @@ class ObjectModel:
         """
         if factor == 1.0:
             return self
+        labels = self.point_labels
+        if labels is not None:
+            labels = PointLabels(labels.points * factor, labels.classes)
         return replace(
             self,
+            point_labels=labels,
             parts=tuple(part.scaled(factor) for part in self.parts),
             visuals=tuple(mesh.scaled(factor) for mesh in self.visuals),
             center_of_mass=self.center_of_mass * factor,

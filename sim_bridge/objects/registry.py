@@ -12,6 +12,7 @@ from neugrasp_ros.errors import ObjectFileError, UnknownNameError
 from sim_bridge.objects import affordance, procedural
 from sim_bridge.objects.meshes import find_meshes, load_bare_mesh, read_options
 from sim_bridge.objects.model import ObjectModel
+from sim_bridge.objects.partnet_set import find_partnet, load_partnet_shape
 from sim_bridge.objects.urdf import find_urdfs, load_urdf
 
 BUILT_IN = ("procedural", "affordance", "random_urdfs")
@@ -59,9 +60,10 @@ def object_set(name: str) -> ObjectSet:
 
     Args:
         name: ``procedural``, ``affordance``, ``random_urdfs``; a folder of one-link
-            URDFs or of bare OBJ/STL meshes; or the name of such a folder inside one of
-            those that the environment variable ``NEUGRASP_OBJECTS`` lists. A folder's
-            set is called like its last component.
+            URDFs, of bare OBJ/STL meshes, or of PartNet shapes; or the name of such a
+            folder inside one of those that the environment variable
+            ``NEUGRASP_OBJECTS`` lists. A folder's set is called like its last
+            component.
 
     Raises:
         UnknownNameError: If it is none of these.
@@ -123,9 +125,14 @@ def _folder_set(folder: Path) -> ObjectSet:
         urdfs = {k: v for k, v in urdfs.items() if k not in BROKEN_RANDOM_URDFS}
     if urdfs:
         return _path_set(set_name, urdfs, lambda path: load_urdf(path, set_name))
+    shapes = find_partnet(folder)
+    if shapes:
+        return _path_set(
+            set_name, shapes, lambda path: load_partnet_shape(path, set_name)
+        )
     meshes = find_meshes(folder)
     if not meshes:
-        raise ObjectFileError(folder, "holds no *.urdf, *.obj or *.stl")
+        raise ObjectFileError(folder, "holds no *.urdf, *.obj, *.stl or PartNet shapes")
     options = read_options(folder)
     return _path_set(
         set_name, meshes, lambda path: load_bare_mesh(path, set_name, options)

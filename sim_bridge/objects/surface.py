@@ -57,30 +57,56 @@ def sample_surface(
     Returns:
         Exactly ``n`` points, none inside another part.
     """
-    corners = [mesh.vertices[mesh.triangles] for mesh in model.visuals]
-    owner = np.repeat(np.arange(len(corners)), [len(c) for c in corners])
-    triangles = np.concatenate(corners)  # (T, 3, 3)
-    cross = np.cross(
-        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    )
-    areas = np.linalg.norm(cross, axis=1)
-    normals = cross / np.maximum(areas, 1e-15)[:, None]
-    planes = [_half_spaces(mesh) for mesh in model.visuals]
+    sampler = _Sampler(model)
     kept: list[SurfacePoints] = []
     n_kept = 0
     while n_kept < n:
-        n_drawn = int(OVERSAMPLING * (n - n_kept)) + 16
-        faces = rng.choice(len(areas), size=n_drawn, p=areas / areas.sum())
-        points = _points_on(triangles[faces], rng)
-        drawn = SurfacePoints(points, normals[faces], owner[faces].astype(np.int32))
-        free = ~_is_covered(drawn, planes)
-        kept.append(drawn.take(free))
-        n_kept += int(free.sum())
+        kept.append(sampler.draw(int(OVERSAMPLING * (n - n_kept)) + 16, rng))
+        n_kept += len(kept[-1].points)
     return SurfacePoints(
         np.concatenate([k.points for k in kept])[:n],
         np.concatenate([k.normals for k in kept])[:n],
         np.concatenate([k.part_index for k in kept])[:n],
     )
+
+
+def sample_surface_evenly(
+    model: ObjectModel, density: float, rng: np.random.Generator
+) -> SurfacePoints:
+    """Draw points from the outside of an object, so many per area.
+
+    Args:
+        model: An object whose visuals are its parts, one mesh each.
+        density: Points per square metre of visible surface.
+        rng: Source of randomness.
+    """
+    sampler = _Sampler(model)
+    return sampler.draw(max(1, round(density * float(sampler.areas.sum()))), rng)
+
+
+class _Sampler:
+    """The triangles of an object and the half spaces of its parts."""
+
+    def __init__(self, model: ObjectModel) -> None:
+        """Collect them once for many draws."""
+        corners = [mesh.vertices[mesh.triangles] for mesh in model.visuals]
+        self.owner = np.repeat(np.arange(len(corners)), [len(c) for c in corners])
+        self.triangles = np.concatenate(corners)  # (T, 3, 3)
+        a, b, c = (self.triangles[:, i] for i in range(3))
+        cross = np.cross(b - a, c - a)
+        double_areas = np.linalg.norm(cross, axis=1)
+        self.areas = double_areas / 2
+        self.normals = cross / np.maximum(double_areas, 1e-15)[:, None]
+        self.planes = [_half_spaces(mesh) for mesh in model.visuals]
+
+    def draw(self, n: int, rng: np.random.Generator) -> SurfacePoints:
+        """Draw ``n`` points and leave out those that another part covers."""
+        share = self.areas / self.areas.sum()
+        faces = rng.choice(len(share), size=n, p=share)
+        points = _points_on(self.triangles[faces], rng)
+        owner = self.owner[faces].astype(np.int32)
+        drawn = SurfacePoints(points, self.normals[faces], owner)
+        return drawn.take(~_is_covered(drawn, self.planes))
 
 
 def _points_on(triangles: FloatArray, rng: np.random.Generator) -> FloatArray:
