@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 STAMP = VENV / "neugrasp.stamp"
+INSTALLED_MESSAGES = VENV / "neugrasp_msgs.key"
 LOG = VENV / "setup.log"
 INPUTS = (
     "requirements.txt", "requirements-dev.txt", "constraints.txt",
@@ -154,11 +155,21 @@ def install() -> None:
     say("installing the pinned packages (about 1 GB to download the first time)")
     files = ["-r", "requirements.txt", "-r", "requirements-dev.txt"]
     pip("install", "-c", "constraints.txt", *files, *index)
-    wheel = cached("neugrasp_msgs", messages_key(), build_messages)
-    say(f"installing the messages and neugrasp_ros from {wheel.parent}")
-    pip("install", "--no-deps", "--force-reinstall", str(wheel))
+    install_messages()
+    say("installing neugrasp_ros")
     pip("install", "--no-deps", "--no-build-isolation", "-e", ".")
     pip("check")
+
+
+def install_messages() -> None:
+    """Install the messages, unless these very ones are installed."""
+    key = messages_key()
+    if INSTALLED_MESSAGES.is_file() and INSTALLED_MESSAGES.read_text() == key:
+        return
+    wheel = cached("neugrasp_msgs", key, build_messages)
+    say(f"installing the messages from {wheel.parent}")
+    pip("install", "--no-deps", "--force-reinstall", str(wheel))
+    INSTALLED_MESSAGES.write_text(key)
 
 
 def torch_index() -> list[str]:
@@ -198,6 +209,7 @@ def install_pybullet() -> None:
 
     def build(folder: str) -> None:
         say("building pybullet, once for this user (about 10 minutes)")
+        os.environ.setdefault("CFLAGS", "-g0")  # faster, and a tenth of the size
         pip("wheel", "--no-deps", "--no-build-isolation", "-w", folder, pin)
 
     key = f"{pin}-numpy{pin_of('numpy')}-cp{VERSION}"

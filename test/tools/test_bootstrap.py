@@ -30,6 +30,7 @@ def bootstrap(tmp_path, monkeypatch):
         "VENV": tmp_path / ".venv",
         "PYTHON": tmp_path / ".venv" / "bin" / "python",
         "STAMP": tmp_path / ".venv" / "neugrasp.stamp",
+        "INSTALLED_MESSAGES": tmp_path / ".venv" / "neugrasp_msgs.key",
         "LOG": tmp_path / ".venv" / "setup.log",
     }.items():
         monkeypatch.setattr(module, name, value)
@@ -222,6 +223,20 @@ def test_environment_of_another_python_or_folder_is_not_usable(bootstrap):
     settings.write_text(f"version = {sys.version.split()[0]}\n")
     script.write_text("#!/another/place/.venv/bin/python\n")
     assert not bootstrap.is_usable()
+
+
+def test_messages_are_installed_again_only_when_they_changed(bootstrap, monkeypatch):
+    wheel = bootstrap.ROOT / "neugrasp_msgs.whl"
+    monkeypatch.setattr(bootstrap, "cached", lambda *_: wheel)
+    installed = []
+    monkeypatch.setattr(bootstrap, "pip", lambda *words: installed.append(words[-1]))
+    bootstrap.VENV.mkdir()
+    bootstrap.install_messages()
+    bootstrap.install_messages()
+    assert installed == [str(wheel)]
+    (bootstrap.ROOT / "msg_defs" / "msg" / "Grasp.msg").write_text("float64 width\n")
+    bootstrap.install_messages()
+    assert len(installed) == 2
 
 
 # ---- the cache
