@@ -83,6 +83,7 @@ class NetworkConfig(Checked):
     occupancy_hidden: int = option(48, "Width of the occupancy decoder", 8, 1024)
     occupancy_blocks: int = option(4, "Residual blocks of the occupancy decoder", 1, 10)
     detector: str = option("neugrasp", "Detector's name in the registry")
+    decoder: str = option("pointnet", "Its point decoder's name in the registry")
     point_features: str = option(
         "shared", "Plane features of local points", choices=("shared", "none")
     )

@@ -9,21 +9,24 @@ from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
 from neugrasp_ros.registry import Registry
 
 DETECTORS: Registry[type[nn.Module]] = Registry("detector")
+DECODERS: Registry[type[nn.Module]] = Registry("decoder")
 
 READ_WIDTH = 32  # plane features are reduced to this width before the PointNet
 
 
+@DECODERS.register("pointnet")
 class PointNet(nn.Module):
     """Shared layers per point, then the maximum over the points (method sheet, c5).
 
     Args:
         inputs: Features of a point.
-        width: Width of the first layer; the second has twice as many.
-        outputs: Width of the pooled feature.
+        config: Widths of the first layer (the second has twice as many) and of the
+            pooled feature.
     """
 
-    def __init__(self, inputs: int, width: int, outputs: int) -> None:
+    def __init__(self, inputs: int, config: NetworkConfig) -> None:
         super().__init__()
+        width, outputs = config.pointnet_width, config.pointnet_out
         self.layers = nn.Sequential(
             nn.Linear(inputs, width),
             nn.BatchNorm1d(width),
@@ -45,7 +48,7 @@ class PointNet(nn.Module):
 class NeuGraspDetector(nn.Module):
     """Quality and affordances from the local surface, with shared plane features.
 
-    Quality and affordances have a PointNet each, on the same inputs.
+    Quality and affordances have a point decoder each, on the same inputs.
 
     Args:
         config: The network's shape.
@@ -84,11 +87,11 @@ class NeuGraspDetector(nn.Module):
 
 
 class _Head(nn.Module):
-    """A PointNet, joined by the grasp's token, and the layers that decide."""
+    """A point decoder, joined by the grasp's token, and the layers that decide."""
 
     def __init__(self, inputs: int, outputs: int, config: NetworkConfig) -> None:
         super().__init__()
-        self.points = PointNet(inputs, config.pointnet_width, config.pointnet_out)
+        self.points = DECODERS[config.decoder](inputs, config)
         self.token = nn.Sequential(
             nn.Linear(TOKEN_FEATURES, 64), nn.ReLU(), nn.Linear(64, 64), nn.ReLU()
         )
