@@ -54,10 +54,10 @@ class _Planning:
         if self.full_opening:
             opened = np.full(len(grasps), look.gripper.max_opening)
             grasps = replace(grasps, widths=opened)
-        return planner, scene, grasps.take(~_repeats(grasps.poses, look.failed))
+        return planner, scene, grasps.take(~repeats(grasps.poses, look.failed))
 
 
-def _repeats(poses: FloatArray, failed: tuple[FloatArray, ...]) -> NDArray[np.bool_]:
+def repeats(poses: FloatArray, failed: tuple[FloatArray, ...]) -> NDArray[np.bool_]:
     """Tell which poses (G, 4, 4) are nearly one that failed in this round."""
     repeat = np.zeros(len(poses), dtype=bool)
     for bad in failed:

@@ -65,7 +65,6 @@ def figures(
         **summarize(rounds, np.random.default_rng(0)),
         **{f"suite_{k}" if k == "objects" else k: v for k, v in settings.items()},
         "policy": policy,
-        "n_rounds": len(rounds),
         "weights_sha256": file_sha256(path),
         "command": command,
         "commit": source_commit(),

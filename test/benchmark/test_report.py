@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reports say what was run, and nothing about where."""
+
+import json
+from pathlib import Path
+
+from neugrasp_ros.benchmark.protocol import Suite
+from neugrasp_ros.benchmark.records import AttemptRecord, RoundRecord
+from neugrasp_ros.benchmark.report import figures, say, write_report
+
+
+def _round(index: int, reasons: tuple[str, ...]) -> RoundRecord:
+    attempts = tuple(
+        AttemptRecord(
+            round_index=index,
+            number=number,
+            reason=reason,
+            quality=0.8,
+            T_task_gripper=(0.0,) * 12,
+            opening=0.08,
+            width=0.02,
+            stop_depth=0.0,
+            object_name="" if reason else "mug",
+            n_candidates=100,
+            n_grasps=10,
+            timings={"plan": 0.1},
+        )
+        for number, reason in enumerate(reasons)
+    )
+    return RoundRecord(
+        index=index,
+        n_objects=3,
+        n_uncounted=0,
+        ended="failures",
+        attempts=attempts,
+        scene={},
+    )
+
+
+def test_figures_count_name_and_hide(tmp_path: Path) -> None:
+    weights = tmp_path / "some.safetensors"
+    weights.write_bytes(b"weights")
+    rounds = [_round(0, ("", "empty")), _round(1, ("", ""))]
+    suite = Suite(objects="/secret/place/pile_train", seed=7)
+    command = "neugrasp bench --objects /secret/place/pile_train --seed 7"
+
+    result = figures(suite, "neugrasp", rounds, str(weights), command)
+    assert result["gsr"] == 75.0
+    assert result["dr"] == 50.0
+    assert result["attempts"] == 4
+    assert result["seed"] == 7
+    assert len(result["weights_sha256"]) == 64
+    assert "secret" not in json.dumps(result)
+
+    path = tmp_path / "results" / "x.json"
+    write_report(path, result)
+    assert json.loads(path.read_text()) == json.loads(json.dumps(result))
+
+
+def test_the_line_for_people_adds_up() -> None:
+    line = say([_round(0, ("", "empty"))], 10)
+    assert line.startswith("round 1/10: 1/2 attempts, 1/3 objects")
