@@ -43,7 +43,7 @@ CATEGORY_MAP: Mapping[str, Mapping[str, tuple[str, ...]]] = MappingProxyType(
         },
         "Bag": {"grasp": ("lift",), "lift": ("lift",), "contain": ("handover",)},
         "Earphone": {"grasp": ("wear",), "wear": ("wear",), "listen": ("handover",)},
-        "Hat": {"grasp": ("wear", "handover"), "wear": ("wear",)},
+        "Hat": {"grasp": ("wear",), "wear": ("handover",)},
     }
 )
 

@@ -75,7 +75,7 @@ PART_TABLE: Mapping[str, Mapping[str, frozenset[str]]] = MappingProxyType(
         },
         "hat": {
             "crown": frozenset({"wear"}),
-            "brim": frozenset({"wear", "handover"}),
+            "brim": frozenset({"wear"}),
             "edge": frozenset({"handover"}),
             "bobble": frozenset({"wear", "lift"}),
         },
