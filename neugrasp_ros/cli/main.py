@@ -11,7 +11,8 @@ from typing import NoReturn
 from neugrasp_ros.errors import NeuGraspError
 
 COMMANDS = (
-    "demo", "up", "detect", "doctor", "transport", "datagen", "train", "bench", "profile",
+    "demo", "up", "detect", "doctor", "transport",
+    "datagen", "train", "bench", "profile",
 )  # fmt: skip
 USAGE = 64  # exit code for a wrong command line, as in sysexits.h
 FAILURE = 1

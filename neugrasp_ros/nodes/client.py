@@ -12,12 +12,12 @@ from neugrasp_msgs.msg import Grasp
 from neugrasp_msgs.srv import DetectGrasps
 from rclpy.client import Client
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from neugrasp_ros.errors import NeuGraspError
 from neugrasp_ros.nodes.outcomes import Code
-from neugrasp_ros.nodes.runtime import prepare
+from neugrasp_ros.nodes.runtime import SpinThread, prepare
 
 SLACK = 5.0  # [s] beyond the request's own timeout
 
@@ -40,16 +40,9 @@ class SuiteClient:
         self.node = Node(
             "neugrasp_cli", context=self._context, namespace=namespace or None
         )
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            return
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self.node)
+        self._spinning = SpinThread(executor)
 
     def __enter__(self) -> "SuiteClient":
         """Return the client itself."""
@@ -62,8 +55,7 @@ class SuiteClient:
         trace: TracebackType | None,
     ) -> None:
         """Leave ROS."""
-        self._executor.shutdown(timeout_sec=2.0)
-        self._thread.join(timeout=2.0)
+        self._spinning.stop()
         self.node.destroy_node()
         self._context.try_shutdown()
 

@@ -31,7 +31,7 @@ from neugrasp_ros.nodes.selection import (
     with_query,
 )
 from neugrasp_ros.nodes.settings import EvaluatorConfig
-from neugrasp_ros.nodes.work import LatestWorker, answer, to_timings
+from neugrasp_ros.nodes.work import LatestWorker, answer, shielded, to_timings
 
 NAME = "grasp_evaluator"
 VOLUME_WAIT = 2.0  # [s] that candidates wait for their volume
@@ -56,7 +56,7 @@ class GraspEvaluatorNode(Node):
         self.create_subscription(
             TsdfVolume,
             "tsdf",
-            lambda message: self.stage.remember(from_tsdf(message)),
+            shielded(self, lambda m: self.stage.remember(from_tsdf(m))),
             latched(),
             callback_group=inputs,
             qos_overriding_options=overrides(),

@@ -82,6 +82,18 @@ class RobotChecker:
         self.base_frame = self._robot.description.base_frame
         self.joint_names = self._robot.joint_names
         self.arms = tuple(self._checker.arms)
+        self._try_once()
+
+    def _try_once(self) -> None:
+        """Check a pose that is reached; the first check of a process compiles code."""
+        from neugrasp_ros.robot.model import gripper_from_tcp
+
+        tcps = [
+            self._robot.frame_pose(self._robot.home, self.tcp_frame(arm))
+            for arm in self.arms
+        ]
+        far = np.array([[2.0, 0.0, 0.5]])  # an obstacle in nobody's way [m]
+        self.check(gripper_from_tcp(np.array(tcps)), self.arms, {}, far)
 
     def tcp_frame(self, arm: str) -> str:
         """Return the TF frame of an arm's TCP."""

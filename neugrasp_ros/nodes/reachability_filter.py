@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node ``reachability_filter``: which scored grasps the robot reaches, and with what."""
+"""Node ``reachability_filter``: which grasps the robot reaches, and with which arm."""
 
 from collections.abc import Callable
 
@@ -30,7 +30,7 @@ from neugrasp_ros.nodes.reach_stage import MakeChecker, ReachStage, load_checker
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.settings import ReachConfig
 from neugrasp_ros.nodes.transforms import Transforms
-from neugrasp_ros.nodes.work import LatestWorker, answer
+from neugrasp_ros.nodes.work import LatestWorker, answer, shielded
 
 NAME = "reachability_filter"
 
@@ -69,7 +69,7 @@ class ReachabilityFilterNode(Node):
             self.create_subscription(
                 kind,
                 topic,
-                callback,
+                shielded(self, callback),
                 qos,
                 callback_group=inputs,
                 qos_overriding_options=overrides(),

@@ -6,6 +6,7 @@ import logging
 import os
 import platform
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -26,6 +27,7 @@ MALLOPT = {  # glibc: option -> bytes; keeps megabyte messages off mmap
     -1: 256 << 20,  # M_TRIM_THRESHOLD
     -2: 64 << 20,  # M_TOP_PAD
 }
+SPIN_PERIOD = 0.1  # [s] between two looks whether to stop
 START_ERROR = 1  # exit code of a node that cannot start
 
 
@@ -133,3 +135,34 @@ def run(
             stop()
             executor.shutdown(timeout_sec=2.0)
     return 0
+
+
+class SpinThread:
+    """Spins an executor in a thread until told to stop.
+
+    ``Executor.shutdown`` pulls handles from under a spin that still runs, so the spin
+    is ended first.
+
+    Args:
+        executor: The executor; shut down by ``stop``.
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name="spin", daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._stopped.is_set():
+            try:
+                self._executor.spin_once(timeout_sec=SPIN_PERIOD)
+            except ExternalShutdownException:
+                return
+
+    def stop(self) -> None:
+        """End the spin, then the executor."""
+        self._stopped.set()
+        self._executor.wake()
+        self._thread.join()
+        self._executor.shutdown(timeout_sec=2.0)

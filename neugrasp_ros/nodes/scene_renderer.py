@@ -28,7 +28,7 @@ from neugrasp_ros.nodes.requests import read_roi
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import RendererConfig
-from neugrasp_ros.nodes.work import LatestWorker, answer, to_timings
+from neugrasp_ros.nodes.work import LatestWorker, answer, shielded, to_timings
 
 NAME = "scene_renderer"
 VOLUME_WAIT = 5.0  # [s] that a request waits for the revision it names
@@ -59,7 +59,7 @@ class SceneRendererNode(Node):
         self.create_subscription(
             TsdfVolume,
             "tsdf",
-            self._on_tsdf,
+            shielded(self, self._on_tsdf),
             latched(),
             callback_group=MutuallyExclusiveCallbackGroup(),
             qos_overriding_options=overrides(),

@@ -115,7 +115,9 @@ class PublishConfig(Checked):
     """How grasps are published."""
 
     axes: int = option(
-        0, "Axes of published poses: 0 x-approach, 1 z-approach, 2 z-approach x-closing",
+        0,
+        "Axes of published poses: 0 x-approach y-closing, 1 z-approach y-closing, "
+        "2 z-approach x-closing",
         0, 2,
     )  # fmt: skip
     tcp_frame: str = option("gripper_left_tcp", "TF frame to bring onto a grasp pose")

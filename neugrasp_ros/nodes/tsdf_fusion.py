@@ -23,6 +23,7 @@ from neugrasp_ros.nodes.compat.clouds import write_cloud
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener, from_transform
 from neugrasp_ros.nodes.conversions import from_stamp, to_stamp, to_tsdf
 from neugrasp_ros.nodes.depth_fusion import DepthFusion
+from neugrasp_ros.nodes.diagnostics import OK, WARN, Diagnostics, Status
 from neugrasp_ros.nodes.markers import workspace_marker
 from neugrasp_ros.nodes.outcomes import DetectionError
 from neugrasp_ros.nodes.params import declare_config
@@ -30,7 +31,7 @@ from neugrasp_ros.nodes.qos import latched, overrides, sensor_input
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import FusionConfig
-from neugrasp_ros.nodes.work import answer
+from neugrasp_ros.nodes.work import answer, shielded
 
 NAME = "tsdf_fusion"
 LOOK_PERIOD = 0.05  # [s] between two looks for late transforms and due volumes
@@ -56,6 +57,7 @@ class TsdfFusionNode(Node):
             post_callback=self._on_jump,
         )
         self._create_topics()
+        self._diagnostics = Diagnostics(self, {"depth": self._depth_status})
         services = ReentrantCallbackGroup()
         for kind, name, callback in (
             (Trigger, "~/reset", self._on_reset),
@@ -80,14 +82,14 @@ class TsdfFusionNode(Node):
             self.create_subscription(
                 kind,
                 topic,
-                callback,
+                shielded(self, callback),
                 sensor_input(depth),
                 callback_group=images,
                 qos_overriding_options=overrides(),
             )
         self.create_timer(
             LOOK_PERIOD,
-            self._on_look,
+            lambda: shielded(self, self._on_look)(None),
             callback_group=images,
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
@@ -106,7 +108,7 @@ class TsdfFusionNode(Node):
         self.fusion.on_depth(image)
         self._publish_if_due()
 
-    def _on_look(self) -> None:
+    def _on_look(self, _: None) -> None:
         self.fusion.retry()
         self._publish_if_due()
 
@@ -142,6 +144,15 @@ class TsdfFusionNode(Node):
         self._workspace.publish(
             workspace_marker(view.T_frame_task, view.volume.size, view.frame_id, stamp)
         )
+
+    def _depth_status(self) -> Status:
+        values = {**self.fusion.counts, "revision": self.fusion.revision}
+        try:
+            view = self.fusion.view()
+        except DetectionError as error:
+            return Status(WARN, f"{error.code.name}: {error.sentence}", values)
+        values["seconds_fusion"] = f"{view.seconds:.4f}"
+        return Status(OK, "fusing", values)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> object:
         return answer(self, response, self.fusion.reset)

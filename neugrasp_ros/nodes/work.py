@@ -13,6 +13,7 @@ from neugrasp_ros.errors import NeuGraspError
 from neugrasp_ros.nodes.outcomes import Code, to_message
 
 Item = TypeVar("Item")
+Message = TypeVar("Message")
 
 JOIN_TIME = 5.0  # [s]
 
@@ -45,6 +46,27 @@ def answer(node: Node, response: Any, work: Callable[[], None]) -> Any:
 def log_bug(node: Node) -> None:
     """Log the exception being handled, with its traceback."""
     node.get_logger().error(traceback.format_exc())
+
+
+def shielded(
+    node: Node, callback: Callable[[Message], object]
+) -> Callable[[Message], None]:
+    """Return a subscription's callback whose errors end in the log, not the process.
+
+    Args:
+        node: For the log.
+        callback: Takes the message.
+    """
+
+    def call(message: Message) -> None:
+        try:
+            callback(message)
+        except NeuGraspError as error:
+            node.get_logger().warning(str(error), throttle_duration_sec=5.0)
+        except Exception:  # noqa: BLE001 (a bug must not end the node)
+            log_bug(node)
+
+    return call
 
 
 def to_timings(seconds: dict[str, float], **counts: int) -> str:

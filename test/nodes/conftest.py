@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes spinning in the background, and waiting on conditions."""
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -26,10 +25,11 @@ class Spinner:
     def __init__(self) -> None:
         from rclpy.executors import MultiThreadedExecutor
 
+        from neugrasp_ros.nodes.runtime import SpinThread
+
         self.executor = MultiThreadedExecutor(num_threads=8)
         self.nodes: list = []
-        self._thread = threading.Thread(target=self.executor.spin, daemon=True)
-        self._thread.start()
+        self._spinning = SpinThread(self.executor)
 
     def add(self, node):
         self.nodes.append(node)
@@ -37,8 +37,7 @@ class Spinner:
         return node
 
     def stop(self) -> None:
-        self.executor.shutdown(timeout_sec=5.0)
-        self._thread.join(timeout=5.0)
+        self._spinning.stop()
         for node in self.nodes:
             node.destroy_node()
 

@@ -20,6 +20,7 @@ from rclpy.action import ActionClient  # noqa: E402
 from rclpy.executors import MultiThreadedExecutor  # noqa: E402
 
 from neugrasp_ros.nodes.composed import Suite  # noqa: E402
+from neugrasp_ros.nodes.runtime import SpinThread  # noqa: E402
 from neugrasp_ros.nodes.settings import WorkspaceConfig  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -37,16 +38,16 @@ class Bench:
         self.camera = CameraNode()
         self.camera.sends = set()
         self.user = ClientNode()
+        self.action = ActionClient(self.user, DetectAction, "detect_grasps")
         for node in (self.camera, self.user):
             self.executor.add_node(node)
-        self._thread = threading.Thread(target=self.executor.spin, daemon=True)
-        self._thread.start()
+        self._spinning = SpinThread(self.executor)
 
     def stop(self) -> None:
-        self.executor.shutdown(timeout_sec=5.0)
-        self._thread.join(5.0)
+        self._spinning.stop()
         self.suite.close()
         self.camera.destroy_node()
+        self.action.destroy()
         self.user.destroy_node()
 
     def show(self, *boxes) -> None:
@@ -324,6 +325,7 @@ def test_images_that_do_not_fit_say_why_once_the_last_good_one_is_old(
 
 
 def test_a_camera_that_falls_silent_leaves_stale_depth(bench, wait_until):
+    ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
     bench.camera.sends = {"info"}
     wait_until(lambda: ask(bench).report.code == DetectionReport.STALE_DEPTH)
     assert "s old, max_depth_age is 1.0 s" in ask(bench).report.message
@@ -430,10 +432,8 @@ def slow(bench):
 
 @pytest.fixture
 def action(bench):
-    client = ActionClient(bench.user, DetectAction, "detect_grasps")
-    assert client.wait_for_server(timeout_sec=10.0)
-    yield client
-    client.destroy()
+    assert bench.action.wait_for_server(timeout_sec=10.0)
+    return bench.action
 
 
 def test_the_action_gives_feedback_and_the_services_answer(bench, action):

@@ -27,7 +27,7 @@ from neugrasp_ros.nodes.compat.images import read_depth, read_intrinsics  # noqa
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener  # noqa: E402
 from neugrasp_ros.nodes.conversions import from_pose, from_stamp  # noqa: E402
 from neugrasp_ros.nodes.qos import latched  # noqa: E402
-from neugrasp_ros.nodes.runtime import prepare  # noqa: E402
+from neugrasp_ros.nodes.runtime import SpinThread, prepare  # noqa: E402
 from neugrasp_ros.nodes.settings import WorkspaceConfig  # noqa: E402
 from neugrasp_ros.nodes.transforms import Transforms  # noqa: E402
 from sim_bridge.bridge_node import SimBridgeNode  # noqa: E402
@@ -84,11 +84,9 @@ def cell(domain):
     executor = MultiThreadedExecutor(num_threads=6)
     for node in (bridge, listener):
         executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
-    thread.start()
+    spinning = SpinThread(executor)
     yield listener
-    executor.shutdown(timeout_sec=5.0)
-    thread.join(5.0)
+    spinning.stop()
     bridge.destroy_node()
     listener.destroy_node()
     rclpy.try_shutdown()
@@ -96,7 +94,7 @@ def cell(domain):
 
 def wait_for(condition, seconds: float = 20.0):
     deadline = time.monotonic() + seconds
-    while not np.any(value := condition()):
+    while (value := condition()) is None or not np.any(value):
         assert time.monotonic() < deadline, "the condition did not come true in time"
         time.sleep(0.01)
     return value
@@ -130,11 +128,11 @@ def _look(cell, target, source):
 def objects(cell, count: int) -> list[Marker]:
     heard = cell.heard["sim_bridge/objects"]
 
-    def right():
-        boxes = [m for m in heard[-1].markers if m.action == Marker.ADD] if heard else []
-        return boxes if heard and len(boxes) == count else None
+    def boxes():
+        return [m for m in heard[-1].markers if m.action == Marker.ADD]
 
-    return wait_for(lambda: right() is not None and [right()])[0]
+    wait_for(lambda: heard and len(boxes()) == count)
+    return boxes()
 
 
 def test_the_depth_of_the_table_is_where_tf_says(cell):

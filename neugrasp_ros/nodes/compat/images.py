@@ -24,7 +24,8 @@ def to_bytes(values: NDArray) -> array:
     It is the one form that message fields take without a copy per element.
     """
     data = array("B")
-    data.frombytes(memoryview(np.ascontiguousarray(values)).cast("B"))
+    if values.size:  # a view of nothing cannot be cast
+        data.frombytes(memoryview(np.ascontiguousarray(values)).cast("B"))
     return data
 
 

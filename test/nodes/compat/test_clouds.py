@@ -35,6 +35,12 @@ def test_an_organised_cloud_keeps_its_rows_and_nan():
     np.testing.assert_array_equal(read_points(cloud), grid.reshape(-1, 3))
 
 
+def test_a_cloud_of_nothing_is_a_cloud():
+    cloud = write_cloud(np.zeros((0, 6)), "task", STAMP)
+    assert (cloud.width, len(cloud.data)) == (0, 0)
+    assert read_points(cloud).shape == (0, 3)
+
+
 def test_bad_clouds_are_refused():
     with pytest.raises(ShapeError, match="cloud"):
         write_cloud(np.zeros((4, 2)), "task", STAMP)

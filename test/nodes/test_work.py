@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from neugrasp_ros.errors import EmptySceneError  # noqa: E402
+from neugrasp_ros.nodes.work import (  # noqa: E402
+    LatestWorker,
+    answer,
+    from_timings,
+    shielded,
+    to_timings,
+)
+
+
+class Log:
+    """A node's name and logger, remembering lines."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def get_name(self) -> str:
+        return "some_node"
+
+    def get_logger(self):
+        def keep(line, **_):
+            self.lines.append(line)
+
+        return SimpleNamespace(info=keep, warning=keep, error=keep)
+
+
+def fail(error):
+    raise error
+
+
+def test_a_good_answer_keeps_its_message():
+    response = SimpleNamespace(success=False, message="3 grasps")
+    assert answer(Log(), response, lambda: None).success
+    assert response.message == "3 grasps"
+
+
+def test_our_error_becomes_its_code_and_sentence():
+    log, response = Log(), SimpleNamespace(success=True, message="")
+    answer(log, response, lambda: fail(EmptySceneError("nothing there")))
+    assert not response.success
+    assert response.message == "EMPTY_WORKSPACE: nothing there" == log.lines[0]
+
+
+def test_a_bug_becomes_internal_with_its_traceback_in_the_log():
+    log, response = Log(), SimpleNamespace(success=True, message="")
+    answer(log, response, lambda: 1 / 0)
+    assert not response.success
+    assert response.message.startswith("INTERNAL: some_node: ZeroDivisionError")
+    assert "Traceback" in log.lines[0]
+
+
+def test_a_shielded_callback_never_raises():
+    log, taken = Log(), []
+    shielded(log, taken.append)("message")
+    shielded(log, lambda _: 1 / 0)("message")
+    shielded(log, lambda _: fail(EmptySceneError("empty")))("message")
+    assert taken == ["message"]
+    assert "Traceback" in log.lines[0] and log.lines[1] == "empty"
+
+
+def test_counts_and_seconds_survive_a_message():
+    message = to_timings({"encoding": 0.25}, sampled=7)
+    assert from_timings(message) == {"sampled": 7.0, "encoding": 0.25}
+    assert from_timings("") == {}
+
+
+def test_the_worker_skips_to_the_newest_item():
+    started, go, done = threading.Event(), threading.Event(), []
+
+    def work(item):
+        started.set()
+        go.wait(5.0)
+        done.append(item)
+
+    worker = LatestWorker(Log(), work)
+    worker.put(1)
+    assert started.wait(5.0)
+    for item in (2, 3, 4):
+        worker.put(item)
+    go.set()
+    deadline = time.monotonic() + 5
+    while len(done) < 2 and time.monotonic() < deadline:
+        time.sleep(0.005)
+    worker.close()
+    assert done == [1, 4]
+
+
+def test_the_worker_outlives_errors_and_keeps_its_period():
+    log, times = Log(), []
+
+    def work(item):
+        times.append(time.monotonic())
+        raise EmptySceneError(f"nothing in {item}")
+
+    worker = LatestWorker(log, work, lambda: 0.2)
+    worker.put("a")
+    deadline = time.monotonic() + 5
+    while len(times) < 1 and time.monotonic() < deadline:
+        time.sleep(0.005)
+    worker.put("b")
+    while len(times) < 2 and time.monotonic() < deadline:
+        time.sleep(0.005)
+    worker.close()
+    assert log.lines == ["nothing in a", "nothing in b"]
+    assert times[1] - times[0] >= 0.19
