@@ -24,8 +24,7 @@ from neugrasp_ros.datagen.pool import Outcome, run_dask, run_local
 from neugrasp_ros.datagen.shards import done_indices, next_shard_path, write_shard
 from neugrasp_ros.errors import ConfigError, ShardError
 
-FLUSH_SECONDS = 100.0
-FLUSH_SCENES = 500
+SHARD_SCENES = 100  # about 200 kB, rewritten whenever a scene is added
 PLAN_FILE = "plan.json"
 SKIPPED_FILE = "skipped.log"
 
@@ -134,38 +133,33 @@ def _store(
     progress: Progress,
     report: Callable[[Progress], None] | None,
 ) -> None:
-    start = flushed = time.monotonic()
-    pending: list[SceneLabels] = []
-    try:
-        for outcome in outcomes:
-            progress.seconds = time.monotonic() - start
-            if outcome.error:
-                _skip(outcome, folder, progress)
-            else:
-                pending.append(outcome.result)
-                progress.add(outcome.result)
-            if report is not None:
-                report(progress)
-            waited = time.monotonic() - flushed
-            if waited > FLUSH_SECONDS or len(pending) >= FLUSH_SCENES:
-                _flush(pending, folder)
-                flushed = time.monotonic()
-    finally:
-        _flush(pending, folder)
-
-
-def _flush(pending: list[SceneLabels], folder: Path) -> None:
-    if not pending:
-        return
+    """Write every scene as it comes: the last shard grows until it is full."""
+    start = time.monotonic()
     path = next_shard_path(folder)
-    scenes, pending[:] = list(pending), []
+    held: list[SceneLabels] = []
+    for outcome in outcomes:
+        progress.seconds = time.monotonic() - start
+        if outcome.error:
+            _skip(outcome, folder, progress)
+        else:
+            held.append(outcome.result)
+            _write(path, held)
+            progress.add(outcome.result)
+        if len(held) >= SHARD_SCENES:
+            path, held = next_shard_path(folder), []
+        if report is not None:
+            report(progress)
+
+
+def _write(path: Path, scenes: list[SceneLabels]) -> None:
     try:
         write_shard(path, scenes)
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         raise ShardError(
-            f"{path}: {'the disk is full' if full else error}; {len(scenes)} scenes "
-            "were not written, earlier shards are complete: make room and start again"
+            f"{path}: {'the disk is full' if full else error}; scene "
+            f"{scenes[-1].index} was not written, all before it are: make room and "
+            "start again"
         ) from error
 
 

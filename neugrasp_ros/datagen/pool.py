@@ -39,8 +39,11 @@ def attempt(work: Work, job: Any) -> Outcome:
 
 
 def _serve(work: Work, pipe: Connection) -> None:
-    while (job := pipe.recv()) is not None:
-        pipe.send(attempt(work, job))
+    try:
+        while (job := pipe.recv()) is not None:
+            pipe.send(attempt(work, job))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return  # whoever asked is gone, and nobody else wants the result
 
 
 class _Worker:

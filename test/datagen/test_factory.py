@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 import errno
+import os
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -62,13 +66,12 @@ def test_an_interrupted_run_keeps_what_was_labelled(tmp_path):
 
 
 def test_shards_are_written_on_the_way(tmp_path, monkeypatch):
-    monkeypatch.setattr(factory, "FLUSH_SCENES", 2)
+    monkeypatch.setattr(factory, "SHARD_SCENES", 2)
     run_factory(plan(), tmp_path, n_workers=0, work=label_or_fail)
     assert [len(shards.read_shard(p)) for p in shard_paths(tmp_path)] == [2, 2]
 
 
 def test_a_full_disk_stops_with_what_to_do(tmp_path, monkeypatch):
-    monkeypatch.setattr(factory, "FLUSH_SCENES", 2)
     run_factory(plan(2), tmp_path, n_workers=0, work=label_or_fail)
 
     def fail(file, **columns):
@@ -78,6 +81,25 @@ def test_a_full_disk_stops_with_what_to_do(tmp_path, monkeypatch):
     with pytest.raises(ShardError, match="disk is full.*start again"):
         run_factory(plan(), tmp_path, n_workers=0, work=label_or_fail)
     assert [labels.index for labels in load_shards(tmp_path)] == [0]
+
+
+def test_a_killed_run_has_written_every_scene_that_it_reported(tmp_path):
+    script = (
+        "import os, sys; from label_work import label_or_fail;"
+        "from neugrasp_ros.datagen.factory import run_factory;"
+        "from neugrasp_ros.datagen.jobs import RunPlan;"
+        "plan = RunPlan(objects=('procedural',), kind='pile', gripper='panda',"
+        " n_scenes=9, seed=0);"
+        "die = lambda p: os.kill(os.getpid(), 9) if p.n_done == 4 else None;"
+        "run_factory(plan, sys.argv[1], n_workers=0, work=label_or_fail, report=die)"
+    )
+    code = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        check=False,
+    ).returncode
+    assert code == -signal.SIGKILL
+    assert done_indices(tmp_path) == {0, 2, 3, 4}
 
 
 def test_a_folder_holds_one_plan(tmp_path):
