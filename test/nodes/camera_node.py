@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A camera that publishes a synthetic scene, and a client that asks for grasps."""
 
-import time
+import threading
 
-import rclpy
 from geometry_msgs.msg import PoseArray, PoseStamped
 from neugrasp_msgs.msg import GraspArray
 from neugrasp_msgs.srv import DetectGrasps
@@ -62,14 +61,25 @@ class ClientNode(Node):
         kinds = (GraspArray, PoseArray, PoseStamped, MarkerArray)
         for kind, topic in zip(kinds, self.heard, strict=True):
             self.create_subscription(kind, topic, self.heard[topic].append, latched())
+        self._clients_by_name: dict = {}
         self.client = self.create_client(DetectGrasps, "detect_grasps")
 
     def ask(self, seconds: float = 60.0, **fields) -> DetectGrasps.Response:
         """Call the service and wait for its answer; the node spins elsewhere."""
-        assert self.client.wait_for_service(timeout_sec=seconds)
-        future = self.client.call_async(DetectGrasps.Request(**fields))
-        deadline = time.monotonic() + seconds
-        while not future.done():
-            assert time.monotonic() < deadline and rclpy.ok(), "no answer in time"
-            time.sleep(0.005)
-        return future.result()
+        return wait_for_answer(self.client, DetectGrasps.Request(**fields), seconds)
+
+    def call(self, kind, name, /, seconds: float = 30.0, **fields):
+        """Call a service by name, over a client that is made once."""
+        if name not in self._clients_by_name:
+            self._clients_by_name[name] = self.create_client(kind, name)
+        client = self._clients_by_name[name]
+        return wait_for_answer(client, kind.Request(**fields), seconds)
+
+
+def wait_for_answer(client, request, seconds: float):
+    assert client.wait_for_service(timeout_sec=seconds), client.srv_name
+    done = threading.Event()
+    future = client.call_async(request)
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(seconds), f"no answer from {client.srv_name} in time"
+    return future.result()

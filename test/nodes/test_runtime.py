@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+import os
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from neugrasp_ros.nodes import runtime  # noqa: E402
+from neugrasp_ros.nodes.runtime import NO_TUNING, PROFILE_VARIABLES, prepare  # noqa: E402
+
+LARGEST_IMAGE = 640 * 480 * 4  # bytes of a depth image
+
+
+@pytest.fixture(autouse=True)
+def clean(monkeypatch):
+    for name in (
+        *PROFILE_VARIABLES,
+        NO_TUNING,
+        "AMENT_PREFIX_PATH",
+        "RMW_IMPLEMENTATION",
+    ):
+        monkeypatch.delenv(name, raising=False)
+
+
+def test_the_profile_is_ours_and_its_segment_holds_several_images():
+    assert "Fast DDS profile" in prepare()
+    path = Path(os.environ[PROFILE_VARIABLES[0]])
+    sizes = [
+        int(e.text) for e in ElementTree.parse(path).iter() if "segment_size" in e.tag
+    ]
+    assert len(sizes) == 1 and sizes[0] >= 3 * LARGEST_IMAGE
+
+
+def test_what_the_user_has_set_is_left_alone(monkeypatch):
+    monkeypatch.setenv(PROFILE_VARIABLES[1], "/mine.xml")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/mine")
+    done = prepare()
+    assert "Fast DDS profile" not in done and PROFILE_VARIABLES[0] not in os.environ
+    assert os.environ["AMENT_PREFIX_PATH"] == "/opt/mine"
+
+
+def test_another_middleware_gets_no_fast_dds_profile(monkeypatch):
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    assert "Fast DDS profile" not in prepare()
+
+
+def test_it_can_be_turned_off(monkeypatch):
+    monkeypatch.setenv(NO_TUNING, "1")
+    assert prepare() == ()
+    monkeypatch.setenv(NO_TUNING, "0")
+    assert prepare()
+
+
+def test_ament_finds_the_environment():
+    prepare()
+    assert os.environ["AMENT_PREFIX_PATH"] == sys.prefix
+
+
+def test_library_logs_go_to_ros_once():
+    import logging
+
+    runtime.forward_library_logs("test_logs")
+    runtime.forward_library_logs("test_logs")
+    logger = logging.getLogger("neugrasp_ros")
+    try:
+        assert len(logger.handlers) == 1 and not logger.propagate
+        for level in (logging.DEBUG, logging.INFO, logging.WARNING, logging.ERROR):
+            logger.log(level, "a record of level %d", level)
+    finally:
+        for package in ("neugrasp_ros", "sim_bridge"):
+            logging.getLogger(package).handlers = []
+            logging.getLogger(package).propagate = True

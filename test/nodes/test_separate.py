@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stage nodes on their own, asked over their services, beside a composed suite."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("neugrasp_msgs")
+
+from geometry_msgs.msg import Vector3  # noqa: E402
+from neugrasp_msgs.msg import (  # noqa: E402
+    DetectionReport,
+    Grasp,
+    GraspArray,
+    GraspCandidates,
+)
+from neugrasp_msgs.srv import (  # noqa: E402
+    CheckReachability,
+    DetectGrasps,
+    EvaluateGrasps,
+    GetTsdf,
+    ListAffordances,
+    SampleGrasps,
+)
+from nodes.camera_node import CameraNode, ClientNode  # noqa: E402
+from nodes.standin import SurfacePlanner, make_side_checker  # noqa: E402
+from rclpy.executors import MultiThreadedExecutor  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+
+from neugrasp_ros.nodes.composed import Suite  # noqa: E402
+from neugrasp_ros.nodes.conversions import from_grasp_array, from_tsdf  # noqa: E402
+from neugrasp_ros.nodes.grasp_evaluator import GraspEvaluatorNode  # noqa: E402
+from neugrasp_ros.nodes.grasp_server import GraspServerNode  # noqa: E402
+from neugrasp_ros.nodes.planner_stages import SharedPlanner  # noqa: E402
+from neugrasp_ros.nodes.reachability_filter import ReachabilityFilterNode  # noqa: E402
+from neugrasp_ros.nodes.runtime import SpinThread  # noqa: E402
+from neugrasp_ros.nodes.scene_renderer import SceneRendererNode  # noqa: E402
+from neugrasp_ros.nodes.settings import WorkspaceConfig  # noqa: E402
+from neugrasp_ros.nodes.tsdf_fusion import TsdfFusionNode  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+FRESH = DetectGrasps.Request.SCENE_FRESH
+LEFT, RIGHT = (0.15, 0.22, 0.07), (0.15, 0.08, 0.07)
+ORIGIN = np.array(WorkspaceConfig().origin)
+CAMERA_TOPICS = ["--ros-args"]
+for topic in ("depth/image", "depth/camera_info"):
+    CAMERA_TOPICS += ["-r", f"{topic}:=/{topic}"]
+
+
+def make_planner(config) -> SharedPlanner:
+    return SharedPlanner(SurfacePlanner(("pour", "lift")), config.gripper)
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.executor = MultiThreadedExecutor(num_threads=20)
+        self.camera, self.user = CameraNode(), ClientNode()
+        self.other = ClientNode(namespace="one")
+        self.nodes = [self.camera, self.user, self.other]
+        for node in self.nodes:
+            self.executor.add_node(node)
+        self.spinning = SpinThread(self.executor)
+        self.camera.send_tf()
+        self.suite = None
+
+    def add(self, node):
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def start_composed(self) -> None:
+        self.suite = Suite(
+            self.executor, make_planner, make_side_checker,
+            namespace="one", cli_args=CAMERA_TOPICS,
+        )  # fmt: skip
+        self.suite.load()
+
+    def stop(self) -> None:
+        self.spinning.stop()
+        if self.suite:
+            self.suite.close()
+        for node in self.nodes:
+            node.destroy_node()
+
+    def call(self, kind, name, /, **fields):
+        return self.user.call(kind, name, **fields)
+
+
+@pytest.fixture(scope="module")
+def bench(ros):
+    bench = Bench()
+    yield bench
+    bench.stop()
+
+
+def show(bench, *boxes) -> None:
+    bench.camera.scene.clear()
+    for box in boxes:
+        bench.camera.scene.add_box(box)
+
+
+def test_while_the_nodes_start_the_server_names_those_that_are_missing(
+    bench, wait_until
+):
+    show(bench, LEFT, RIGHT)
+    bench.add(GraspServerNode())
+    report = bench.user.ask().report
+    assert report.code == DetectionReport.NOT_ACTIVE
+    for name in ("tsdf_fusion", "scene_renderer", "grasp_evaluator"):
+        assert name in report.message
+    bench.add(TsdfFusionNode())
+    bench.add(SceneRendererNode(make_planner))
+    bench.add(ReachabilityFilterNode(make_side_checker))
+    wait_until(lambda: "tsdf_fusion" not in bench.user.ask().report.message)
+    report = bench.user.ask().report
+    assert report.code == DetectionReport.NOT_ACTIVE
+    assert "grasp_evaluator" in report.message
+    bench.add(GraspEvaluatorNode(make_planner))
+    wait_until(lambda: bench.user.ask(scene=FRESH).success, seconds=20.0)
+
+
+def test_separate_and_composed_give_the_same_grasps_and_scores(bench, wait_until):
+    bench.start_composed()
+    show(bench, LEFT, RIGHT)
+    wait_until(lambda: bench.other.ask(scene=FRESH).success, seconds=20.0)
+    separate = bench.user.ask(scene=FRESH, seed=5)
+    composed = bench.other.ask(scene=FRESH, seed=5)
+    assert separate.success and composed.success
+    a, b = from_grasp_array(separate.grasps), from_grasp_array(composed.grasps)
+    a, b = (g.take(np.argsort(g.grasps.ids)) for g in (a, b))  # ties may swap
+    assert a.grasps.ids == b.grasps.ids and len(a) > 1
+    np.testing.assert_allclose(a.grasps.quality, b.grasps.quality, atol=1e-4)
+    np.testing.assert_allclose(a.grasps.poses, b.grasps.poses, atol=1e-6)
+    assert a.reach.arms == b.reach.arms and a.info.labels == b.info.labels
+    for report in (separate.report, composed.report):
+        assert report.sampled and report.after_reachability == len(a)
+        assert report.seconds_quality > 0 and report.seconds_fusion > 0
+
+
+def test_affordances_are_queried_alike_in_both(bench):
+    for user in (bench.user, bench.other):
+        good = user.ask(affordance="pour", scene=FRESH)
+        assert good.success and good.grasps.affordance_query == "pour"
+        assert good.grasps.grasps[0].affordance == pytest.approx(0.9)
+        assert list(good.grasps.grasps[0].affordance_scores) == pytest.approx(
+            [0.9, 0.1]
+        )
+        both = user.ask(affordance="pour&lift").report
+        assert both.code == DetectionReport.NONE_WITH_AFFORDANCE
+        assert user.ask(affordance="lift|pour").success
+        unknown = user.ask(affordance="fly").report
+        assert unknown.code == DetectionReport.UNKNOWN_AFFORDANCE
+        assert "known: lift, pour" in unknown.message
+
+
+def test_a_listener_hears_of_a_change_without_any_call(bench, wait_until):
+    def sides(user) -> set[bool]:
+        heard = user.heard["grasps"]
+        return {g.pose.position.y > 0 for g in heard[-1].grasps} if heard else set()
+
+    for boxes, expected in (((LEFT,), {True}), ((RIGHT,), {False})):
+        show(bench, *boxes)
+        for user in (bench.user, bench.other):
+            wait_until(lambda u=user, e=expected: sides(u) == e, seconds=3.0)
+    poses = bench.user.heard["grasps/poses"][-1]
+    assert len(poses.poses) == len(bench.user.heard["grasps"][-1].grasps)
+
+
+def candidates(bench, **fields) -> GraspArray:
+    answer = bench.call(SampleGrasps, "scene_renderer/sample", seed=3, **fields)
+    assert answer.success, answer.message
+    return answer.candidates.candidates
+
+
+def test_the_volume_can_be_had_cleared_and_stopped(bench, wait_until):
+    show(bench, LEFT)
+    bench.user.ask(scene=FRESH)
+    answer = bench.call(GetTsdf, "tsdf_fusion/get_tsdf")
+    assert answer.success and answer.volume.header.frame_id == "base_footprint"
+    view = from_tsdf(answer.volume)
+    assert view.volume.distances.shape == (64, 64, 64)
+    assert bench.call(SetBool, "tsdf_fusion/set_integrating", data=False).success
+    assert bench.call(Trigger, "tsdf_fusion/reset").success
+    empty = bench.call(GetTsdf, "tsdf_fusion/get_tsdf")
+    assert not empty.success and empty.message.startswith("NO_DEPTH: ")
+    assert bench.call(SetBool, "tsdf_fusion/set_integrating", data=True).success
+    wait_until(lambda: bench.call(GetTsdf, "tsdf_fusion/get_tsdf").success)
+
+
+def test_a_scene_can_be_reset_by_the_request(bench):
+    show(bench, LEFT)
+    answer = bench.user.ask(scene=DetectGrasps.Request.SCENE_RESET)
+    assert answer.success and answer.report.views == 1
+
+
+def test_sampled_candidates_have_no_score_and_can_be_scored_and_checked(bench):
+    show(bench, LEFT, RIGHT)
+    bench.user.ask(scene=FRESH)
+    array = candidates(bench)
+    assert array.stage == GraspArray.STAGE_CANDIDATES and array.scene_revision > 0
+    assert np.isnan([g.quality for g in array.grasps]).all()
+    scored = bench.call(
+        EvaluateGrasps,
+        "grasp_evaluator/evaluate",
+        candidates=GraspCandidates(candidates=array),
+    )
+    assert scored.success
+    qualities = [g.quality for g in scored.grasps.grasps]
+    assert qualities == sorted(qualities, reverse=True)
+    assert {g.id for g in scored.grasps.grasps} == {g.id for g in array.grasps}
+    checked = bench.call(
+        CheckReachability, "reachability_filter/check", grasps=scored.grasps
+    )
+    assert checked.success and [g.id for g in checked.grasps.grasps] == [
+        g.id for g in scored.grasps.grasps
+    ]
+    assert all(g.reachability == Grasp.REACH_OK for g in checked.grasps.grasps)
+    one_arm = bench.call(
+        CheckReachability,
+        "reachability_filter/check",
+        grasps=scored.grasps,
+        arms=["arm_left_torso"],
+    )
+    codes = {g.reachability for g in one_arm.grasps.grasps}
+    assert codes == {Grasp.REACH_OK, Grasp.REACH_NO_IK}
+
+
+def test_foreign_grasps_in_other_axes_are_scored_where_they_are(bench):
+    show(bench, LEFT)
+    bench.user.ask(scene=FRESH)
+    ours = candidates(bench)
+    foreign = GraspArray(axes=GraspArray.AXES_Z_APPROACH_Y_CLOSING)
+    foreign.header.frame_id = "base_footprint"
+    from neugrasp_ros.nodes.conversions import to_poses
+
+    poses = to_poses(from_grasp_array(ours).grasps.poses)
+    foreign.grasps = [Grasp(pose=pose, width=0.05) for pose in poses]
+    request = GraspCandidates(candidates=foreign)
+    scored = bench.call(EvaluateGrasps, "grasp_evaluator/evaluate", candidates=request)
+    known = bench.call(
+        EvaluateGrasps,
+        "grasp_evaluator/evaluate",
+        candidates=GraspCandidates(candidates=ours),
+    )
+    assert scored.success and scored.grasps.axes == foreign.axes
+    np.testing.assert_allclose(
+        [g.quality for g in scored.grasps.grasps],
+        [g.quality for g in known.grasps.grasps],
+        atol=1e-4,
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda a: setattr(a, "scene_revision", 5), "of scene revision 5, at hand: "),
+        (lambda a: setattr(a.header, "frame_id", "map"), "grasps are in 'map'"),
+        (lambda a: setattr(a.grasps[0], "width", float("nan")), "width is negative"),
+        (lambda a: setattr(a, "axes", 7), "axes must be 0, 1 or 2"),
+    ],
+)
+def test_candidates_that_cannot_be_scored_are_refused(bench, change, sentence):
+    show(bench, LEFT)
+    bench.user.ask(scene=FRESH)
+    array = candidates(bench)
+    change(array)
+    answer = bench.call(
+        EvaluateGrasps,
+        "grasp_evaluator/evaluate",
+        candidates=GraspCandidates(candidates=array),
+    )
+    assert not answer.success and sentence in answer.message
+
+
+def test_a_revision_that_never_comes_and_a_bad_region_are_refused(bench):
+    answer = bench.call(SampleGrasps, "scene_renderer/sample", roi_size=Vector3(x=-1.0))
+    assert not answer.success and "roi_size must be positive" in answer.message
+    answer = bench.call(SampleGrasps, "scene_renderer/sample", min_revision=2**62)
+    assert not answer.success and "has not come" in answer.message
+
+
+def test_the_vocabulary_is_listed_with_a_sentence_each(bench):
+    for name in ("list_affordances", "grasp_evaluator/list_affordances"):
+        answer = bench.call(ListAffordances, name)
+        assert answer.labels == ["pour", "lift"]
+        assert all(len(text) > 10 for text in answer.descriptions)
