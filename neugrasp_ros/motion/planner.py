@@ -165,7 +165,7 @@ class TransitPlanner:
 
         planner = self
 
-        class EdgeCheck(ob.MotionValidator):  # type: ignore[misc]
+        class EdgeCheck(ob.MotionValidator):
             """Checks an edge in one call."""
 
             def checkMotion(self, first: ob.State, second: ob.State) -> bool:

@@ -204,7 +204,7 @@ def _outline(shape: Any) -> FloatArray:
     return np.array(shape.points())
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def body_poses(tree, q, rotations, positions):  # type: ignore[no-untyped-def]
     """Write the pose of each body in the base frame.
 

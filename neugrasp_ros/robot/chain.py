@@ -90,7 +90,7 @@ def turn_z_to(axis: FloatArray) -> FloatArray:
     return np.stack([x, np.cross(axis, x), axis], axis=1)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def append_pose(rotation, position, step, offset):  # type: ignore[no-untyped-def]
     """Multiply a pose, in place, by a constant one."""
     for i in range(3):
@@ -100,7 +100,7 @@ def append_pose(rotation, position, step, offset):  # type: ignore[no-untyped-de
             rotation[i, j] = a * step[0, j] + b * step[1, j] + c * step[2, j]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def tip_and_axes(chain, q, rotation, position, axes, origins):  # type: ignore[no-untyped-def]
     """Write the tip's pose and all joint axes and origins in the base frame.
 
@@ -134,7 +134,7 @@ def tip_and_axes(chain, q, rotation, position, axes, origins):  # type: ignore[n
     append_pose(rotation, position, chain.rotations[len(q)], chain.offsets[len(q)])
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def fill_jacobian(chain, position, axes, origins, jacobian):  # type: ignore[no-untyped-def]
     """Write the geometric Jacobian (linear rows first) at the tip, shape (6, n)."""
     for k in range(axes.shape[0]):
@@ -152,7 +152,7 @@ def fill_jacobian(chain, position, axes, origins, jacobian):  # type: ignore[no-
             jacobian[3, k], jacobian[4, k], jacobian[5, k] = x, y, z
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def chain_poses(chain, configurations):  # type: ignore[no-untyped-def]
     """Return tip poses ``T_base_tip`` (N, 4, 4) of configurations (N, n)."""
     count, joints = configurations.shape
@@ -171,7 +171,7 @@ def chain_poses(chain, configurations):  # type: ignore[no-untyped-def]
     return poses
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def chain_jacobians(chain, configurations):  # type: ignore[no-untyped-def]
     """Return geometric Jacobians at the tip (N, 6, n), linear rows first."""
     count, joints = configurations.shape

@@ -13,7 +13,6 @@ from neugrasp_ros.robot.contact import (
     SELF,
     Scope,
     World,
-    contacts,
     path_contacts,
 )
 from neugrasp_ros.robot.model import RobotModel
@@ -118,17 +117,8 @@ class CollisionChecker:
             held: For each path a ball, centre and radius in [m], whose points travel
                 with the hand, shape (N, 4).
         """
-        codes = np.zeros(len(paths), dtype=np.int64)
-        path_contacts(
-            self._world(obstacles),
-            self._scope(group),
-            np.ascontiguousarray(starts, dtype=np.float64),
-            self._robot.group_indices(group),
-            np.ascontiguousarray(paths),
-            np.zeros((len(paths), 4)) if held is None else held,
-            codes,
-        )
-        return codes
+        joints = self._robot.group_indices(group)
+        return self._ask(starts, group, obstacles, (joints, paths), held)[0]
 
     def off_robot(
         self, points_base: FloatArray, q: FloatArray, margin: float = 0.02
@@ -154,18 +144,29 @@ class CollisionChecker:
         return off
 
     def _ask(
-        self, configurations: FloatArray, group: str, obstacles: Obstacles | None
+        self,
+        starts: FloatArray,
+        group: str,
+        obstacles: Obstacles | None,
+        paths: tuple[IntArray, FloatArray] | None = None,
+        held: FloatArray | None = None,
     ) -> tuple[IntArray, IntArray]:
+        """Return code and number of the first contact on each path, or at its start."""
         joints = len(self._robot.joint_names)
-        if configurations.ndim != 2 or configurations.shape[1] != joints:
-            raise ShapeError("configurations", f"(N, {joints})", configurations.shape)
-        codes = np.zeros(len(configurations), dtype=np.int64)
-        which = np.zeros(len(configurations), dtype=np.int64)
-        configurations = np.ascontiguousarray(configurations, dtype=np.float64)
-        contacts(
-            self._world(obstacles), self._scope(group), configurations, codes, which
+        if starts.ndim != 2 or starts.shape[1] != joints:
+            raise ShapeError("configurations", f"(N, {joints})", starts.shape)
+        moving, values = paths or (np.zeros(0, np.int64), np.zeros((len(starts), 1, 0)))
+        found = np.zeros((len(starts), 2), dtype=np.int64)
+        path_contacts(
+            self._world(obstacles),
+            self._scope(group),
+            np.ascontiguousarray(starts, dtype=np.float64),
+            moving,
+            np.ascontiguousarray(values),
+            np.zeros((len(starts), 4)) if held is None else held,
+            found,
         )
-        return codes, which
+        return found[:, 0], found[:, 1]
 
     def _world(self, obstacles: Obstacles | None) -> World:
         around = obstacles or self._nothing

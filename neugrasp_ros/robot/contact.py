@@ -58,7 +58,7 @@ class World(NamedTuple):
     obstacles: Obstacles
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _apart_across(C, t, a, b, margin):  # type: ignore[no-untyped-def]
     """Try the nine axes that are perpendicular to an edge of each of two boxes."""
     for i in range(3):
@@ -72,7 +72,7 @@ def _apart_across(C, t, a, b, margin):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _boxes_apart(d, A, a, B, b, margin):  # type: ignore[no-untyped-def]
     """Separating-axis test of two boxes.
 
@@ -105,7 +105,7 @@ def _boxes_apart(d, A, a, B, b, margin):  # type: ignore[no-untyped-def]
     return _apart_across(C, t, a, b, margin)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _hull(hulls, rotations, positions, index):  # type: ignore[no-untyped-def]
     """Return vertices, rotation and position of a posed hull."""
     start, stop = hulls.vertex_starts[index], hulls.vertex_starts[index + 1]
@@ -115,7 +115,7 @@ def _hull(hulls, rotations, positions, index):  # type: ignore[no-untyped-def]
     return hulls.vertices[start:stop], rotations[body], positions[body]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _place(hulls, rotations, positions, centers, axes):  # type: ignore[no-untyped-def]
     """Write the bounding boxes' centres and axes in the base frame."""
     for g in range(hulls.bodies.shape[0]):
@@ -134,17 +134,17 @@ def _place(hulls, rotations, positions, centers, axes):  # type: ignore[no-untyp
                 axes[g, i, j] = total
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _gap(p, q):  # type: ignore[no-untyped-def]
     return (p[0] - q[0], p[1] - q[1], p[2] - q[2])
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _within(d, reach):  # type: ignore[no-untyped-def]
     return d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= reach * reach
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _place_balls(world, rotations, positions, balls):  # type: ignore[no-untyped-def]
     """Write the centres of the bodies' balls in the base frame."""
     for body in range(balls.shape[0]):
@@ -155,7 +155,7 @@ def _place_balls(world, rotations, positions, balls):  # type: ignore[no-untyped
             )
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
     """Return the first pair of hulls closer than the padding, or -1."""
     hulls, margin = world.hulls, scope.self_padding
@@ -184,7 +184,7 @@ def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
     return -1
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _hits_box(world, g, margin, poses, boxes):  # type: ignore[no-untyped-def]
     """Return whether hull ``g`` is closer than the margin to a solid box."""
     hulls, solid = world.hulls, world.obstacles.boxes
@@ -208,7 +208,7 @@ def _hits_box(world, g, margin, poses, boxes):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def point_in_hull(hulls, g, pose, point, margin):  # type: ignore[no-untyped-def]
     """Return whether a point lies in a posed hull whose faces move out by margin."""
     R, p = pose
@@ -223,7 +223,7 @@ def point_in_hull(hulls, g, pose, point, margin):  # type: ignore[no-untyped-def
     return True
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
     """Return whether an obstacle point lies in hull ``g`` grown by the margin.
 
@@ -244,13 +244,14 @@ def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
         corner = center[i] - obstacles.origin[i]
         low[i] = max(0, int(np.floor((corner - reach) / CELL)))
         high[i] = min(obstacles.cells[i] - 1, int(np.floor((corner + reach) / CELL)))
+    if high[2] < low[2]:
+        return False
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
             row = (i * obstacles.cells[1] + j) * obstacles.cells[2]
             # cells along z follow each other, and so do their points
-            start, stop = obstacles.starts[row + low[2]], 0
-            if high[2] >= low[2]:
-                stop = obstacles.starts[row + high[2] + 1]
+            start = obstacles.starts[row + low[2]]
+            stop = obstacles.starts[row + high[2] + 1]
             for k in range(start, stop):
                 point = obstacles.points[k]
                 if held[3] > 0.0:
@@ -261,7 +262,7 @@ def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def contact(world, scope, q, held, buffers):  # type: ignore[no-untyped-def]
     """Return the first contact of a configuration.
 
@@ -301,7 +302,7 @@ def contact(world, scope, q, held, buffers):  # type: ignore[no-untyped-def]
     return FREE, -1
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def make_buffers(world, scope):  # type: ignore[no-untyped-def]
     """Allocate scratch for ``contact``."""
     joints, hulls = world.tree.parents.shape[0], world.hulls.bodies.shape[0]
@@ -315,16 +316,8 @@ def make_buffers(world, scope):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def contacts(world, scope, configurations, codes, which):  # type: ignore[no-untyped-def]
-    """Write the first contact of each configuration (N, J)."""
-    buffers, nothing = make_buffers(world, scope), np.zeros(4)
-    for i in range(configurations.shape[0]):
-        codes[i], which[i] = contact(world, scope, configurations[i], nothing, buffers)
-
-
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def path_contacts(world, scope, starts, joints, paths, held, codes):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def path_contacts(world, scope, starts, joints, paths, held, found):  # type: ignore[no-untyped-def]
     """Write the first contact along each of N paths.
 
     Args:
@@ -334,14 +327,15 @@ def path_contacts(world, scope, starts, joints, paths, held, codes):  # type: ig
         joints: Where the paths' joints stand in it, shape (n,).
         paths: Joint values, shape (N, S, n).
         held: For each path the ball that the hand carries, shape (N, 4).
-        codes: Receives ``FREE``, ``SELF`` or ``SCENE``, shape (N,).
+        found: Receives code and number of the contact, see ``contact``, shape (N, 2).
     """
     buffers, q = make_buffers(world, scope), np.empty(starts.shape[1])
     for i in range(paths.shape[0]):
-        codes[i], q[:] = FREE, starts[i]
+        q[:] = starts[i]
+        found[i, 0], found[i, 1] = FREE, -1
         for s in range(paths.shape[1]):
             for k in range(joints.shape[0]):
                 q[joints[k]] = paths[i, s, k]
-            codes[i], _ = contact(world, scope, q, held[i], buffers)
-            if codes[i] != FREE:
+            found[i] = contact(world, scope, q, held[i], buffers)
+            if found[i, 0] != FREE:
                 break

@@ -13,7 +13,7 @@ MAX_ITERATIONS = 40
 CONVERGED = 1e-8  # of |v|^2, relative
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _support(hull, direction):  # type: ignore[no-untyped-def]
     """Return the vertex of a posed hull that lies farthest in a direction."""
     vertices, rotation, position = hull
@@ -34,17 +34,17 @@ def _support(hull, direction):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _dot(p, q):  # type: ignore[no-untyped-def]
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _less(p, q):  # type: ignore[no-untyped-def]
     return (p[0] - q[0], p[1] - q[1], p[2] - q[2])
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _blend(p, s, q, t, r):  # type: ignore[no-untyped-def]
     """Return p + s q + t r."""
     return (
@@ -54,12 +54,12 @@ def _blend(p, s, q, t, r):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _row(simplex, i):  # type: ignore[no-untyped-def]
     return (simplex[i, 0], simplex[i, 1], simplex[i, 2])
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _nearest_on_segment(simplex, i, j):  # type: ignore[no-untyped-def]
     """Return the point of an edge nearest to the origin, and the vertices it needs."""
     a, b = _row(simplex, i), _row(simplex, j)
@@ -73,7 +73,7 @@ def _nearest_on_segment(simplex, i, j):  # type: ignore[no-untyped-def]
     return _blend(a, t, ab, 0.0, ab), (1 << i) | (1 << j)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _nearest_on_triangle(simplex, i, j, k):  # type: ignore[no-untyped-def]
     """Return the point of a face nearest to the origin, and the vertices it needs."""
     a, b, c = _row(simplex, i), _row(simplex, j), _row(simplex, k)
@@ -96,7 +96,7 @@ def _nearest_on_triangle(simplex, i, j, k):  # type: ignore[no-untyped-def]
     return best, mask
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _nearest_on_tetrahedron(simplex):  # type: ignore[no-untyped-def]
     """Return the point of a tetrahedron nearest to the origin; mask 15 = inside."""
     best, mask = (0.0, 0.0, 0.0), 15
@@ -118,7 +118,7 @@ def _nearest_on_tetrahedron(simplex):  # type: ignore[no-untyped-def]
     return best, mask
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _nearest(simplex, count):  # type: ignore[no-untyped-def]
     if count == 1:
         return _row(simplex, 0), 1
@@ -129,7 +129,7 @@ def _nearest(simplex, count):  # type: ignore[no-untyped-def]
     return _nearest_on_tetrahedron(simplex)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def still_apart(first, second, margin, split):  # type: ignore[no-untyped-def]
     """Return whether a known direction still separates two hulls by the margin.
 
@@ -147,7 +147,7 @@ def still_apart(first, second, margin, split):  # type: ignore[no-untyped-def]
     return _dot(n, _less(a, _support(second, n))) > margin
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def closer_than(first, second, margin, v, split):  # type: ignore[no-untyped-def]
     """Return whether two posed convex hulls come closer than a margin, or overlap.
 

@@ -43,7 +43,7 @@ class IkProblem(NamedTuple):
     max_iterations: int
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _pose_error(rotation, position, target_rotation, target_position, error):  # type: ignore[no-untyped-def]
     """Write e, in the base frame; return the two error norms in [m] and [rad]."""
     for i in range(3):
@@ -67,7 +67,7 @@ def _pose_error(rotation, position, target_rotation, target_position, error):  #
     return distance, angle
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _fill_gram(jacobian, weights, damping, matrix):  # type: ignore[no-untyped-def]
     """Write the lower half of J W J^T + damping I, shape (6, 6)."""
     joints = weights.shape[0]
@@ -80,7 +80,7 @@ def _fill_gram(jacobian, weights, damping, matrix):  # type: ignore[no-untyped-d
         matrix[i, i] += damping
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _solve_cholesky(matrix, right, solution):  # type: ignore[no-untyped-def]
     """Solve a positive definite 6x6 system; its lower half is overwritten."""
     for j in range(6):
@@ -102,7 +102,7 @@ def _solve_cholesky(matrix, right, solution):  # type: ignore[no-untyped-def]
         solution[i] = total / matrix[i, i]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _block_at_limits(problem, q, step, mobility):  # type: ignore[no-untyped-def]
     """Take the mobility of joints that a limit stops; return whether there were any."""
     blocked = False
@@ -115,7 +115,7 @@ def _block_at_limits(problem, q, step, mobility):  # type: ignore[no-untyped-def
     return blocked
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _move(problem, q, jacobian, error, damping):  # type: ignore[no-untyped-def]
     """Take one damped step, in place, inside the limits."""
     joints = q.shape[0]
@@ -137,7 +137,7 @@ def _move(problem, q, jacobian, error, damping):  # type: ignore[no-untyped-def]
         q[k] = min(max(moved, problem.lower[k]), problem.upper[k])
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def solve_from(problem, target_rotation, target_position, q):  # type: ignore[no-untyped-def]
     """Move ``q`` (n,), in place, until its tip is at the target; return success."""
     joints = q.shape[0]
@@ -169,7 +169,7 @@ def solve_from(problem, target_rotation, target_position, q):  # type: ignore[no
     return inside > 0
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def solve_batch(problem, targets, seeds, first, solutions, used):  # type: ignore[no-untyped-def]
     """Solve for each target from the first seed that leads there.
 
@@ -190,7 +190,7 @@ def solve_batch(problem, targets, seeds, first, solutions, used):  # type: ignor
                 break
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def follow_batch(problem, targets, starts, max_change, paths, reached):  # type: ignore[no-untyped-def]
     """Follow sequences of close poses, each solved from the one before.
 

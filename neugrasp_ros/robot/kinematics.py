@@ -184,7 +184,7 @@ def _targets(T_base_grippers: FloatArray) -> FloatArray:
     return np.ascontiguousarray(tcp_from_gripper(T_base_grippers))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _look_up(targets, wrist, origin, cells, inside):  # type: ignore[no-untyped-def]
     """Write whether the wrist of each target pose lies in a cell of the reach map."""
     index = np.empty(3, dtype=np.int64)

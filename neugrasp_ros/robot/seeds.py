@@ -177,7 +177,7 @@ def _hard(solved: BoolArray, order: list[int]) -> BoolArray:
     return np.asarray(times <= times.min())
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _examine(problem, poses, candidates, solved):  # type: ignore[no-untyped-def]
     for k in range(candidates.shape[0]):
         for i in range(poses.shape[0]):
