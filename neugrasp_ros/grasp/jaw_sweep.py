@@ -34,6 +34,7 @@ class SweepSettings(NamedTuple):
         inflation: Added to the sides of the fingers and the palm.
         palm_gap: Distance that the palm keeps from everything.
         gap: Points further apart than this along y are not one thing.
+        slack: Hands that lack more than this of the insertion are given up early.
     """
 
     opening: float
@@ -43,6 +44,7 @@ class SweepSettings(NamedTuple):
     inflation: float
     palm_gap: float
     gap: float
+    slack: float
 
 
 class DepthRange(NamedTuple):
@@ -141,30 +143,46 @@ def _run_center(
 
 
 @njit(cache=True, nogil=True)
-def _depth_range(
-    local: FloatArray,
-    shift: float,
-    opening: float,
-    hand: FloatArray,
-    margins: FloatArray,
+def _finger_range(
+    local: FloatArray, shift: float, opening: float, hand: FloatArray, inflation: float
 ) -> tuple[float, float]:
-    """Return the first content's z and the depth at which the hand first touches."""
-    half_thickness, finger_width, depth, palm_x, palm_y, _ = hand
-    inflation, palm_gap = margins
+    """Return where the content begins along z and where a finger first touches."""
+    half_thickness = hand[0]
+    outer = opening / 2 + hand[1] + inflation
     first = np.inf
-    deep = np.inf
+    touch = np.inf
     for i in range(len(local)):
-        x = local[i, 0]
         y = abs(local[i, 1] - shift)
         z = local[i, 2]
-        if x < half_thickness and y < opening / 2 and z < first:
-            first = z
-        in_finger = opening / 2 - inflation < y < opening / 2 + finger_width + inflation
-        if in_finger and x < half_thickness + inflation and z - inflation < deep:
-            deep = z - inflation
-        if y < palm_y + inflation and z + depth - palm_gap < deep:
-            deep = z + depth - palm_gap
-    return first, deep
+        if y < opening / 2 and local[i, 0] < half_thickness:
+            first = min(first, z)
+        if opening / 2 - inflation < y < outer:
+            touch = min(touch, z - inflation)
+    return first, touch
+
+
+@njit(cache=True, nogil=True)
+def _palm_touch(
+    points: FloatArray,
+    hand_pose: FloatArray,
+    shift: float,
+    half_x: float,
+    half_y: float,
+) -> float:
+    """Return the least z of the points in front of the palm."""
+    touch = np.inf
+    for i in range(len(points)):
+        dx = points[i, 0] - hand_pose[0, 3]
+        dy = points[i, 1] - hand_pose[1, 3]
+        dz = points[i, 2] - hand_pose[2, 3]
+        z = dx * hand_pose[0, 2] + dy * hand_pose[1, 2] + dz * hand_pose[2, 2]
+        if z >= touch:
+            continue
+        x = dx * hand_pose[0, 0] + dy * hand_pose[1, 0] + dz * hand_pose[2, 0]
+        y = dx * hand_pose[0, 1] + dy * hand_pose[1, 1] + dz * hand_pose[2, 1]
+        if abs(x) < half_x and abs(y - shift) < half_y:
+            touch = z
+    return touch
 
 
 @njit(cache=True, nogil=True)
@@ -177,8 +195,7 @@ def _sweep(
     hand: FloatArray,
     settings: FloatArray,
 ) -> FloatArray:
-    opening, radius, probe, insertion, inflation, palm_gap, gap = settings
-    margins = np.array([inflation, palm_gap])
+    opening, radius, probe, insertion, inflation, palm_gap, gap, slack = settings
     found = np.zeros((len(hand_poses), 3))  # shift, shallow, deep
     found[:, 1] = np.inf
     rows = np.empty(len(points), dtype=np.int64)
@@ -187,15 +204,21 @@ def _sweep(
     for s in range(len(seeds)):
         near = points[rows[: _gather(points, seeds[s], radius, rows)]]
         for f in range(offsets[s], offsets[s + 1]):
-            half_x = hand[3] + inflation
-            local = buffer[: _to_hand(near, hand_poses[f], half_x, buffer)]
+            pose = hand_poses[f]
+            local = buffer[: _to_hand(near, pose, hand[0] + inflation, buffer)]
             shift = 0.0
             if not centered[f]:
                 shift = _run_center(local, hand[0], probe, int(gap), filled)
             if not abs(shift) < opening / 2:
                 continue
-            first, touch = _depth_range(local, shift, opening, hand, margins)
+            first, touch = _finger_range(local, shift, opening, hand, inflation)
             start = max(first, 0.0) if centered[f] else first
+            if touch < start + insertion - slack:
+                continue
+            palm = _palm_touch(
+                near, pose, shift, hand[3] + inflation, hand[4] + inflation
+            )
+            touch = min(touch, palm + hand[2] - palm_gap)
             found[f] = (shift, start + insertion, touch)
     return found
 

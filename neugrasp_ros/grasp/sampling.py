@@ -257,17 +257,18 @@ def _advance(
     support_height: float | None,
 ) -> _Candidates:
     """Centre the hands and advance them to their depths; widths stay open."""
+    advance = _half_advance(gripper)
+    relief = config.min_insertion / 2  # given up where nothing else is possible
     settings = SweepSettings(
         gripper.max_opening, SEED_RADIUS, 2 * config.min_insertion,
         config.min_insertion, config.inflation, config.palm_gap, 2 * config.voxel,
+        advance + relief,
     )  # fmt: skip
     found = sweep_depths(
         cloud[:, :3], cloud[seeds, :3], hands.poses,
         np.bincount(hands.seeds, minlength=len(seeds)), hands.centered,
         hand_measures(gripper), settings,
     )  # fmt: skip
-    advance = _half_advance(gripper)
-    relief = config.min_insertion / 2  # given up where nothing else is possible
     reached = np.flatnonzero(found.deep >= found.shallow - advance - relief)
     poses = hands.poses[reached]
     poses[:, :3, 3] += found.shifts[reached, None] * poses[:, :3, 1]

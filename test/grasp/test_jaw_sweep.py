@@ -12,7 +12,7 @@ from neugrasp_ros.grasp.jaw_sweep import SweepSettings, jaw_content, sweep_depth
 PANDA = load_gripper("panda")
 HAND = hand_measures(PANDA)
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
-SETTINGS = SweepSettings(PANDA.max_opening, 0.2, 0.012, 0.006, 0.0, 0.004, 0.01)
+SETTINGS = SweepSettings(PANDA.max_opening, 0.2, 0.012, 0.006, 0.0, 0.004, 0.01, 0.01)
 
 
 def box_cloud(*half_extents):
@@ -21,10 +21,10 @@ def box_cloud(*half_extents):
     return np.concatenate([points, normals], axis=1)
 
 
-def sweep(cloud, pose, centered=False):
+def sweep(cloud, pose, centered=False, settings=SETTINGS):
     found = sweep_depths(
         cloud[:, :3], pose[None, :3, 3], pose[None], np.array([1]),
-        np.array([centered]), HAND, SETTINGS,
+        np.array([centered]), HAND, settings,
     )  # fmt: skip
     return [float(column[0]) for column in found]
 
@@ -49,6 +49,9 @@ def test_a_box_wider_than_the_jaws_stops_both_fingers_at_its_top():
     cloud = box_cloud(0.03, 0.06, 0.04)
     _, shallow, deep = sweep(cloud, translation(0.0, 0.0, 0.04) @ DOWN)
     assert deep < shallow
+    impatient = SETTINGS._replace(slack=0.0)
+    pose = translation(0.0, 0.0, 0.04) @ DOWN
+    assert sweep(cloud, pose, settings=impatient)[1] == np.inf
 
 
 def test_jaws_see_extent_and_alignment_of_what_they_enclose():
