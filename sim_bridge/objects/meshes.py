@@ -28,6 +28,14 @@ MILLIMETRE = 0.001
 DENSITY = 400.0  # of a household thing with its hollows [kg/m^3]
 MASS_RANGE = (0.03, 1.0)  # bounds of a mass guessed from the volume [kg]
 CONVEX_FILL = 0.97  # a mesh that fills this much of its hull counts as convex [-]
+DECOMPOSITION = {  # of coacd: some seconds and at most two dozen parts a mesh
+    "threshold": 0.08,
+    "max_convex_hull": 24,
+    "resolution": 1000,
+    "mcts_iterations": 40,
+    "mcts_nodes": 10,
+    "mcts_max_depth": 2,
+}
 SIDECAR = "objects.yaml"
 EGAD_MASS = 0.15  # [kg]
 EGAD_FRICTION = 0.75
@@ -181,9 +189,8 @@ def _decomposition(mesh: Mesh) -> list[FloatArray]:
             return [pieces[name] for name in sorted(pieces.files)]
     coacd = importlib.import_module("coacd")
     coacd.set_log_level("error")
-    result = coacd.run_coacd(
-        coacd.Mesh(np.array(mesh.vertices), np.array(mesh.triangles)), threshold=0.05
-    )
+    solid = coacd.Mesh(np.array(mesh.vertices), np.array(mesh.triangles))
+    result = coacd.run_coacd(solid, **DECOMPOSITION)
     pieces = [np.asarray(vertices, dtype=np.float64) for vertices, _ in result]
     cached.parent.mkdir(parents=True, exist_ok=True)
     partial = cached.with_suffix(f".{os.getpid()}.npz")

@@ -72,8 +72,8 @@ def test_decomposition_is_used_and_kept(tmp_path, monkeypatch):
     calls = []
     pieces = [cuboid(0.1, 0.02, 0.02), cuboid(0.02, 0.02, 0.08, at=(0.2, 0, 0.03))]
 
-    def run_coacd(mesh, threshold):
-        calls.append(threshold)
+    def run_coacd(mesh, **options):
+        calls.append(options["max_convex_hull"])
         return [(piece.vertices, piece.triangles) for piece in pieces]
 
     engine = SimpleNamespace(
