@@ -214,7 +214,7 @@ def seen_surface(volume: TsdfVolume) -> tuple[FloatArray, FloatArray]:
         t = np.where(a == b, 0.5, a / np.where(a == b, 1, a - b))
         points.append((index + 0.5 + t[:, None] * step) * volume.voxel_size)
         normals.append(gradient[tuple(index.T)] + gradient[tuple((index + step).T)])
-    stacked = np.concatenate(normals)
+    stacked = np.concatenate(normals).astype(np.float64)
     length = np.linalg.norm(stacked, axis=1)
     keep = length > 1e-6
     return np.concatenate(points)[keep], stacked[keep] / length[keep, None]
