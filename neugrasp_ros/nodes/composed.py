@@ -68,12 +68,12 @@ class Suite:
             NeuGraspError: If one of them cannot be used.
         """
         options = self._options
-        reach = ReachabilityFilterNode(self._make_checker, self._transforms, **options)
-        self.stages.reach = self._add(reach).stage
         renderer = SceneRendererNode(self._make_planner, **options)
         self.stages.renderer = self._add(renderer).stage
         evaluator = GraspEvaluatorNode(self._make_planner, **options)
         self.stages.evaluator = self._add(evaluator).stage
+        reach = ReachabilityFilterNode(self._make_checker, self._transforms, **options)
+        self.stages.reach = self._add(reach).stage
         get_logger(NAME).info("all nodes are ready")
 
     def close(self) -> None:

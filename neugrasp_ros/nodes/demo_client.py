@@ -22,6 +22,7 @@ from neugrasp_ros.pictures.decision import Attempt, Decision
 FAILURES_TO_STOP = 2  # in a row, as in the benchmark (method sheet, a8)
 SKIPS_TO_STOP = 3  # answers without a grasp
 CALL_TIMEOUT = 30.0  # [s]
+LOADING_TIMEOUT = 90.0  # [s], for nodes that still load their model
 STAGES = (
     "fusion",
     "encoding",
@@ -159,7 +160,13 @@ class DemoClient(Node):
             scene=DetectGrasps.Request.SCENE_FRESH, affordance=affordance
         )
         request.seed = seed + 1  # 0 would mean random
-        return self._call(self._detect, request)
+        deadline = time.monotonic() + LOADING_TIMEOUT
+        while True:
+            answer = self._call(self._detect, request)
+            loading = answer.report.code == DetectionReport.NOT_ACTIVE
+            if not loading or time.monotonic() > deadline:
+                return answer
+            self._spin(0.5)
 
     def _attempt(self, grasps: GraspArray) -> Attempt:
         best = grasps.grasps[0]

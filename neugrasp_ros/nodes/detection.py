@@ -3,6 +3,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -42,6 +43,9 @@ class Stages(Protocol):
 
     def missing(self) -> list[str]:
         """Return what is not ready yet, in words."""
+
+    def request(self) -> AbstractContextManager[None]:
+        """Return what is held while a request runs."""
 
     def labels(self, deadline: float) -> tuple[str, ...]:
         """Return the affordance classes."""
@@ -119,18 +123,22 @@ class Detection:
         """Return what came of it; never raises an error of ours."""
         report = self._outcome.report
         try:
-            self._detect()
+            self._require_ready()
+            with self._stages.request():
+                self._detect()
         except NeuGraspError as error:
             reason = as_detection_error(error)
             report.code, report.message = int(reason.code), reason.sentence
         report.seconds_total = float(time.monotonic() - self._start)
         return self._outcome
 
-    def _detect(self) -> None:
-        stages, wanted, report = self._stages, self._wanted, self._outcome.report
-        missing = stages.missing()
+    def _require_ready(self) -> None:
+        missing = self._stages.missing()
         if missing:
             raise DetectionError(Code.NOT_ACTIVE, "not ready: " + "; ".join(missing))
+
+    def _detect(self) -> None:
+        stages, wanted, report = self._stages, self._wanted, self._outcome.report
         query = parse_query(wanted.affordance, stages.labels(self._deadline))
         self._step("fusion")
         view = stages.scene(wanted, self._newer_than, self._deadline)

@@ -86,6 +86,7 @@ class GraspEvaluatorNode(Node):
     def _stream(self, candidates: GraspArray) -> None:
         """Publish the distinct candidates that are good enough, best first."""
         config, grasps = self._config.current, from_grasp_array(candidates)
+        self.stage.let_requests_go_first()
         view = self.stage.view_of(grasps, time.monotonic() + VOLUME_WAIT)
         scored = self.stage.evaluate(grasps, view).grasps
         good = scored.take(scored.grasps.quality >= config.min_quality)

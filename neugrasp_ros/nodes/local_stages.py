@@ -2,6 +2,7 @@
 """The pipeline of one process: stages are called, nothing is serialised."""
 
 import time
+from contextlib import AbstractContextManager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,10 @@ class LocalStages(Stages):
             "reachability_filter": self.reach,
         }
         return [f"{name} {loading}" for name, part in parts.items() if part is None]
+
+    def request(self) -> AbstractContextManager[None]:
+        """Keep streams away from the planner."""
+        return self.evaluator.request()
 
     def labels(self, deadline: float) -> tuple[str, ...]:
         """Return the affordance classes."""

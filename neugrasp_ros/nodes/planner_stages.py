@@ -8,7 +8,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -33,6 +33,7 @@ from neugrasp_ros.nodes.settings import EvaluatorConfig, RendererConfig
 FloatArray = NDArray[np.float64]
 
 ABOVE_SUPPORT = 0.01  # [m]; what reaches less far above its support is the support
+PATIENCE = 5.0  # [s] that a stream lets requests go first
 LEAST_POINTS = 20  # seen surface points that make something to look at
 
 
@@ -78,6 +79,25 @@ class SharedPlanner:
         self.planner = planner
         self.gripper = gripper
         self._lock = threading.Lock()
+        self._requests = 0
+        self._idle = threading.Condition()
+
+    @contextmanager
+    def request(self) -> Iterator[None]:
+        """Keep streams away from the planner while somebody waits for an answer."""
+        with self._idle:
+            self._requests += 1
+        try:
+            yield
+        finally:
+            with self._idle:
+                self._requests -= 1
+                self._idle.notify_all()
+
+    def wait_for_requests(self, seconds: float = PATIENCE) -> None:
+        """Return when no request is running, or after ``seconds``."""
+        with self._idle:
+            self._idle.wait_for(lambda: not self._requests, timeout=seconds)
 
     @contextmanager
     def timed(self) -> Iterator[dict[str, float]]:
@@ -165,6 +185,10 @@ class RendererStage:
         )
         return Staged(GraspList(info, GraspSet(np.zeros((0, 4, 4)), np.zeros(0))), {})
 
+    def let_requests_go_first(self) -> None:
+        """Wait a while for running requests; called by streams."""
+        self._shared.wait_for_requests()
+
     def surface(self, view: SceneView) -> FloatArray:
         """Return the completed surface in the scene's frame: x, y, z, normal (N, 6)."""
         planner = self._shared.planner
@@ -237,6 +261,14 @@ class EvaluatorStage:
         self._config = config
         self._views: OrderedDict[int, SceneView] = OrderedDict()
         self._arrived = threading.Condition()
+
+    def let_requests_go_first(self) -> None:
+        """Wait a while for running requests; called by streams."""
+        self._shared.wait_for_requests()
+
+    def request(self) -> AbstractContextManager[None]:
+        """Return what keeps streams away while a request runs."""
+        return self._shared.request()
 
     @property
     def labels(self) -> tuple[str, ...]:

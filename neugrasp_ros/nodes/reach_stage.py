@@ -132,11 +132,13 @@ def load_checker(config: ReachConfig) -> Checker:
     Raises:
         NeuGraspError: If its description, a group or a frame is missing.
     """
-    checker = RobotChecker(config)
-    unknown = sorted(set(config.arms) - set(checker.arms))
+    from neugrasp_ros.robot.description import load_description
+
+    known = load_description(config.robot).arms
+    unknown = sorted(set(config.arms) - set(known))
     if unknown:
-        raise RobotModelError("arm", unknown[0], checker.arms)
-    return checker
+        raise RobotModelError("arm", unknown[0], known)
+    return RobotChecker(config)
 
 
 class ReachStage:

@@ -3,6 +3,7 @@
 
 import threading
 import time
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -76,6 +77,10 @@ class RemoteStages(Stages):
             for name, client in nodes.items()
             if not client.service_is_ready()
         ]
+
+    def request(self) -> AbstractContextManager[None]:
+        """Hold nothing: the stages are other processes."""
+        return nullcontext()
 
     def labels(self, deadline: float) -> tuple[str, ...]:
         """Return the affordance classes."""

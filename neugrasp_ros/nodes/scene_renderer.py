@@ -81,6 +81,7 @@ class SceneRendererNode(Node):
     def _stream(self, view: SceneView) -> None:
         """Publish candidates and surface; an empty scene gives an empty list."""
         config = self._config.current
+        self.stage.let_requests_go_first()
         try:
             staged = self.stage.sample(
                 view, None, self._planner.max_candidates, config.seed

@@ -167,7 +167,7 @@ class EvaluatorConfig(SelectionConfig, SupportConfig):
 
     streaming: bool = option(True, "Score every new list of candidates")
     kept_revisions: int = fixed(
-        option(4, "Volumes remembered for candidates that come late", 1, 16)
+        option(16, "Volumes remembered for candidates that come late", 1, 64)
     )
 
 
