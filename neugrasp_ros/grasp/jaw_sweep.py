@@ -139,7 +139,7 @@ def _run_center(
         ends[side] = last
     if ends[1] < ends[0]:
         return np.nan
-    return (0.5 * (ends[0] + ends[1] + 1) - middle) * BIN
+    return float((0.5 * (ends[0] + ends[1] + 1) - middle) * BIN)
 
 
 @njit(cache=True, nogil=True)
