@@ -68,11 +68,11 @@ def test_the_papers_network_learns_a_small_batch():
     loss_of = torch.nn.functional.binary_cross_entropy_with_logits
     optimiser = torch.optim.SGD(network.parameters(), lr=0.02)
     losses = []
-    for _ in range(3):
+    for _ in range(2):
         loss = loss_of(network.occupancy(network.encode(volumes), points), inside)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
         losses.append(float(loss.detach()))
     assert all(torch.isfinite(p.grad).all() for p in network.parameters())
-    assert losses[2] < losses[0]
+    assert losses[1] < losses[0]
