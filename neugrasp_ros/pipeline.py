@@ -182,7 +182,8 @@ class GraspPlanner:
             seed: Seed of the sampler.
 
         Returns:
-            Candidates, not scored; none if there is no surface.
+            Candidates, not scored; none if there is no surface. All approach with the
+            jaws fully open, as the network learned it.
         """
         surface = self.render(scene)
         with self._lock, self._timed("sampling"):
@@ -200,6 +201,8 @@ class GraspPlanner:
                 np.random.default_rng(seed),
                 support_height=support_height,
             )
+            opened = np.full(len(grasps), self.gripper.max_opening)
+            grasps = replace(grasps, widths=opened)
             if roi is not None and len(grasps):
                 position = grasps.poses[:, :3, 3]
                 inside = ((position >= roi[0]) & (position <= roi[1])).all(axis=1)

@@ -2,7 +2,7 @@
 """Who chooses the grasps: the network, and the two floors it must rise above."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,6 @@ class _Planning:
     """What the policies share: one planner per gripper, a volume, candidates."""
 
     config: PlannerConfig
-    full_opening: bool
     planner: GraspPlanner | None = None
     revision: int = 0
 
@@ -51,9 +50,6 @@ class _Planning:
             support_height=look.table_height,
             seed=int(rng.integers(2**31)),
         )
-        if self.full_opening:
-            opened = np.full(len(grasps), look.gripper.max_opening)
-            grasps = replace(grasps, widths=opened)
         return planner, scene, grasps.take(~repeats(grasps.poses, look.failed))
 
 
@@ -67,14 +63,9 @@ def repeats(poses: FloatArray, failed: tuple[FloatArray, ...]) -> NDArray[np.boo
     return repeat
 
 
-def neugrasp_policy(config: PlannerConfig, full_opening: bool) -> Policy:
-    """Return the policy that ranks by predicted quality and refuses poor grasps.
-
-    Args:
-        config: The planner's configuration.
-        full_opening: Whether the protocol opens the jaws fully, whatever the width.
-    """
-    planning = _Planning(config, full_opening)
+def neugrasp_policy(config: PlannerConfig) -> Policy:
+    """Return the policy that ranks by predicted quality and refuses poor grasps."""
+    planning = _Planning(config)
 
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, scene, grasps = planning.candidates(look, rng)
@@ -85,9 +76,9 @@ def neugrasp_policy(config: PlannerConfig, full_opening: bool) -> Policy:
     return choose
 
 
-def random_policy(config: PlannerConfig, full_opening: bool) -> Policy:
+def random_policy(config: PlannerConfig) -> Policy:
     """Return the floor that takes any collision-free candidate of the same sampler."""
-    planning = _Planning(config, full_opening)
+    planning = _Planning(config)
 
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, _, grasps = planning.candidates(look, rng)
@@ -97,12 +88,12 @@ def random_policy(config: PlannerConfig, full_opening: bool) -> Policy:
     return choose
 
 
-def geometry_policy(config: PlannerConfig, full_opening: bool) -> Policy:
+def geometry_policy(config: PlannerConfig) -> Policy:
     """Return the floor that takes the best antipodal score on the completed cloud.
 
     The sampler returns its candidates by that score, so the first one is taken.
     """
-    planning = _Planning(config, full_opening)
+    planning = _Planning(config)
 
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, _, grasps = planning.candidates(look, rng)
@@ -111,13 +102,13 @@ def geometry_policy(config: PlannerConfig, full_opening: bool) -> Policy:
     return choose
 
 
-def make_policy(name: str, config: PlannerConfig, full_opening: bool) -> Policy:
+def make_policy(name: str, config: PlannerConfig) -> Policy:
     """Return a policy by name.
 
     Raises:
         UnknownNameError: If it is none of ``POLICIES``.
     """
-    makers: dict[str, Callable[[PlannerConfig, bool], Policy]] = {
+    makers: dict[str, Callable[[PlannerConfig], Policy]] = {
         "neugrasp": neugrasp_policy,
         "random": random_policy,
         "geometry": geometry_policy,
@@ -125,4 +116,4 @@ def make_policy(name: str, config: PlannerConfig, full_opening: bool) -> Policy:
     if name not in makers:
         raise UnknownNameError("policy", name, makers)
     load_gripper(config.gripper)
-    return makers[name](config, full_opening)
+    return makers[name](config)

@@ -29,18 +29,18 @@ def add_parser(
     parser.set_defaults(run=run)
 
 
-def _setup(policy: str, config: Any, full_opening: bool) -> tuple[Any, None]:
+def _setup(policy: str, config: Any) -> tuple[Any, None]:
     import torch
 
     from neugrasp_ros.benchmark.policies import make_policy
 
     torch.set_num_threads(1)
-    return make_policy(policy, config, full_opening), None
+    return make_policy(policy, config), None
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the rounds, say how it goes, write the figures."""
-    from neugrasp_ros.benchmark.protocol import PROTOCOLS, Suite
+    from neugrasp_ros.benchmark.protocol import Suite
     from neugrasp_ros.benchmark.report import figures, say, write_report
     from neugrasp_ros.benchmark.runner import run_suite
     from neugrasp_ros.config import PlannerConfig
@@ -51,8 +51,7 @@ def run(args: argparse.Namespace) -> int:
     names = ("scene", "view", "objects", "part", "gripper", "protocol", "seed")
     suite = Suite(**{name: getattr(args, name) for name in names})
     config = PlannerConfig(weights=args.weights, gripper=args.gripper, threads=1)
-    full = PROTOCOLS[args.protocol].full_opening
-    setup = partial(_setup, args.policy, config, full)
+    setup = partial(_setup, args.policy, config)
     rounds = []
     for record in run_suite(suite, range(args.rounds), setup, args.workers):
         rounds.append(record)

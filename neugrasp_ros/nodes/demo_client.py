@@ -15,13 +15,14 @@ from sensor_msgs.msg import Image, PointCloud2
 from neugrasp_ros.errors import NeuGraspError
 from neugrasp_ros.nodes.compat.clouds import read_points
 from neugrasp_ros.nodes.compat.images import read_depth
-from neugrasp_ros.nodes.conversions import from_grasp_array, from_pose
+from neugrasp_ros.nodes.conversions import from_grasp_array, from_pose, from_stamp
 from neugrasp_ros.nodes.qos import latched, newest, sensor_input
 from neugrasp_ros.pictures.decision import Attempt, Decision
 
 FAILURES_TO_STOP = 2  # in a row, as in the benchmark (method sheet, a8)
 SKIPS_TO_STOP = 3  # answers without a grasp
 CALL_TIMEOUT = 30.0  # [s]
+SURFACE_TIMEOUT = 5.0  # [s], for the surface that belongs to an answer
 LOADING_TIMEOUT = 90.0  # [s], for nodes that still load their model
 STAGES = (
     "fusion",
@@ -191,9 +192,18 @@ class DemoClient(Node):
             raise DemoError(f"{client.srv_name} gave no answer in {CALL_TIMEOUT:.0f} s")
         return future.result()
 
+    def _has_surface_of(self, answer: GraspArray) -> bool:
+        """Whether the newest rendered cloud is as new as the answer, and not empty."""
+        cloud = self._latest.get("surface")
+        if cloud is None or not cloud.width:
+            return False
+        return from_stamp(cloud.header.stamp) >= from_stamp(answer.header.stamp)
+
     def _decision(self, answer: GraspArray) -> Decision:
         """Gather what the latest topics say about the scene of an answer."""
-        self._spin(0.5)
+        deadline = time.monotonic() + SURFACE_TIMEOUT
+        while not self._has_surface_of(answer) and time.monotonic() < deadline:
+            self._spin(0.1)
         grasps = from_grasp_array(answer).grasps
         volume = self._latest["volume"]
         lower = from_pose(volume.origin)[:3, 3]

@@ -12,7 +12,7 @@ from neugrasp_ros.geometry.transform import translation
 
 def test_unknown_policy_is_refused_with_the_known_ones() -> None:
     with pytest.raises(UnknownNameError, match="geometry, neugrasp, random"):
-        make_policy("best", PlannerConfig(), full_opening=True)
+        make_policy("best", PlannerConfig())
 
 
 def test_a_grasp_that_failed_is_not_repeated_and_others_are_kept() -> None:
