@@ -8,6 +8,7 @@ try. The robot stands still: its head camera looks at the table, its arms are pa
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
@@ -18,6 +19,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_srvs.srv import Trigger
@@ -106,7 +108,7 @@ class BridgeConfig(Checked):
 class SimBridgeNode(Node):
     """The fake driver of the real cell."""
 
-    def __init__(self, **node_options: object) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Build the world, then wire topics and services."""
         super().__init__(NAME, **node_options)
         self._config = declare_config(self, BridgeConfig)
@@ -167,7 +169,7 @@ class SimBridgeNode(Node):
     def _create_topics(self) -> None:
         config = self._config.current
 
-        def output(kind: type, topic: str, qos: object) -> object:
+        def output(kind: type, topic: str, qos: QoSProfile) -> Any:
             return self.create_publisher(
                 kind, topic, qos, qos_overriding_options=overrides()
             )

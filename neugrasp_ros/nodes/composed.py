@@ -4,6 +4,7 @@
 import threading
 import time
 from collections.abc import Callable
+from typing import Any, TypeVar
 
 from rclpy.executors import Executor
 from rclpy.logging import get_logger
@@ -24,6 +25,8 @@ from neugrasp_ros.nodes.tsdf_fusion import TsdfFusionNode
 NAME = "neugrasp"
 THREADS = 10
 
+NodeType = TypeVar("NodeType", bound=Node)
+
 
 class Suite:
     """The processing nodes of one process.
@@ -43,7 +46,7 @@ class Suite:
         executor: Executor,
         make_planner: MakePlanner = load_planner,
         make_checker: MakeChecker = load_checker,
-        **node_options: object,
+        **node_options: Any,
     ) -> None:
         self._executor = executor
         self._make_planner = OnePlanner(make_planner)
@@ -56,7 +59,7 @@ class Suite:
         self.stages.fusion = fusion.fusion
         self._add(GraspServerNode(self.stages, **node_options))
 
-    def _add(self, node: Node) -> Node:
+    def _add(self, node: NodeType) -> NodeType:
         self.nodes.append(node)
         self._executor.add_node(node)
         return node

@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,14 @@ def workspace_pose(workspace: WorkspaceConfig) -> FloatArray:
     """Return the pose of the task frame in the workspace's frame, shape (4, 4)."""
     rotation = Rotation.from_euler("xyz", workspace.rpy).as_matrix()
     return make_transform(rotation, np.array(workspace.origin))
+
+
+class DepthView(NamedTuple):
+    """A cleaned image in [m] (H, W), its camera, and ``T_task_camera`` (4, 4)."""
+
+    depth: NDArray[np.float32]
+    intrinsics: Intrinsics
+    T_task_camera: FloatArray
 
 
 class DepthFusion:
@@ -132,7 +141,8 @@ class DepthFusion:
         """Fuse the images whose transform is there; tell whether one was."""
         changed = False
         with self._changed:
-            while self._pending:
+            camera = self._camera
+            while self._pending and camera is not None:
                 image = self._pending[0]
                 stamp = from_stamp(image.header.stamp)
                 frame = self._config.current.workspace.frame
@@ -148,7 +158,7 @@ class DepthFusion:
                     self._drop()
                     continue
                 self._pending.popleft()
-                changed |= self._fuse(image, T_frame_camera)
+                changed |= self._fuse(image, T_frame_camera, camera)
         return changed
 
     def _drop(self) -> None:
@@ -161,12 +171,14 @@ class DepthFusion:
             self.counts["refused"] += 1
         return False
 
-    def _fuse(self, image: Image, T_frame_camera: FloatArray) -> bool:
+    def _fuse(
+        self, image: Image, T_frame_camera: FloatArray, camera: Intrinsics
+    ) -> bool:
         try:
             depth = self._clean(read_depth(image))
         except DepthImageError as error:
             return self._refuse(DetectionError(Code.NO_DEPTH, f"depth/image: {error}"))
-        size = (self._camera.height, self._camera.width)
+        size = (camera.height, camera.width)
         if depth.shape != size:
             return self._refuse(
                 DetectionError(
@@ -176,7 +188,12 @@ class DepthFusion:
                 )
             )
         self._problem = None
-        return self._integrate(depth, T_frame_camera, from_stamp(image.header.stamp))
+        self._valid_share = float(np.isfinite(depth).mean())
+        T_task_camera = (
+            invert(workspace_pose(self._config.current.workspace)) @ T_frame_camera
+        )
+        shot = DepthView(depth, camera, T_task_camera)
+        return self._integrate(shot, from_stamp(image.header.stamp))
 
     def _clean(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the image with NaN wherever it is not to be used."""
@@ -198,27 +215,23 @@ class DepthFusion:
             clean = inner
         return clean
 
-    def _integrate(
-        self, depth: NDArray[np.float32], T_frame_camera: FloatArray, stamp: int
-    ) -> bool:
+    def _integrate(self, shot: DepthView, stamp: int) -> bool:
         config, start = self._config.current, time.perf_counter()
         if config.workspace != self._workspace:
             self._clear()
-        T_task_camera = invert(workspace_pose(config.workspace)) @ T_frame_camera
         fuse = config.view_mode == "fuse"
         before = self._volume
         if not fuse:
             before = empty_volume(
                 config.resolution, config.workspace.size[0], config.truncation_voxels
             )
-        after = integrate(before, depth, self._camera, T_task_camera, decay=fuse)
+        after = integrate(before, *shot, decay=fuse)
         if fuse:
             weights = np.minimum(after.weights, np.uint8(config.max_weight))
             after = replace(after, weights=weights)
         changed = not np.array_equal(
             after.distances, self._volume.distances, equal_nan=True
         )
-        self._valid_share = float(np.isfinite(depth).mean())
         self._seconds = time.perf_counter() - start
         self._stamp = max(self._stamp, stamp)
         self.counts["fused"] += 1

@@ -13,7 +13,7 @@ from neugrasp_msgs.msg import Grasp as GraspMessage
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import NeuGraspError
-from neugrasp_ros.nodes.grasp_list import GraspList
+from neugrasp_ros.nodes.grasp_list import GraspList, Reach
 from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
 from neugrasp_ros.nodes.planner_stages import Box, Staged
 from neugrasp_ros.nodes.requests import REACH_FIRST, REACH_LAST, Wanted
@@ -241,7 +241,7 @@ class Detection:
         start = time.perf_counter()
         checked = self._stages.check(grasps, self._wanted.arms, self._deadline)
         self._note({"reachability": time.perf_counter() - start})
-        codes = checked.reach.codes if checked.reach else np.zeros(len(checked))
+        codes = (checked.reach or Reach.unknown(len(checked))).codes
         kept = checked.take(codes == GraspMessage.REACH_OK)
         self._outcome.report.after_reachability = len(kept)
         if not len(kept):

@@ -4,6 +4,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from neugrasp_msgs.msg import GraspArray, GraspCandidates, TsdfVolume
 from neugrasp_msgs.srv import EvaluateGrasps, ListAffordances
@@ -41,7 +42,7 @@ class GraspEvaluatorNode(Node):
     """Score candidates; loads the weights before it offers to."""
 
     def __init__(
-        self, make_planner: MakePlanner = load_planner, **node_options: object
+        self, make_planner: MakePlanner = load_planner, **node_options: Any
     ) -> None:
         """Load the planner, then wire topics and services."""
         super().__init__(NAME, **node_options)

@@ -113,8 +113,8 @@ class GraspList:
 
     def take(self, indices: NDArray[np.int64] | NDArray[np.bool_]) -> "GraspList":
         """Return the grasps at ``indices`` (integers in order, or a mask)."""
-        indices = np.asarray(indices)
-        rows = np.flatnonzero(indices) if indices.dtype == bool else indices
+        mask = indices.dtype == bool
+        rows = np.flatnonzero(indices) if mask else indices.astype(np.int64)
         return replace(
             self,
             grasps=self.grasps.take(rows),

@@ -37,7 +37,7 @@ LIST_TIME = 5.0  # [s]
 class GraspServerNode(Node):
     """Offer ``detect_grasps``; one request runs at a time."""
 
-    def __init__(self, stages: Stages | None = None, **node_options: object) -> None:
+    def __init__(self, stages: Stages | None = None, **node_options: Any) -> None:
         """Wire service and action; without stages, ask the stage nodes' services."""
         super().__init__(NAME, **node_options)
         self._config = declare_config(self, ServerConfig)

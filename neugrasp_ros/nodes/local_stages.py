@@ -3,6 +3,7 @@
 
 import time
 from contextlib import AbstractContextManager
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,14 @@ from neugrasp_ros.nodes.reach_stage import ReachStage
 from neugrasp_ros.nodes.requests import SCENES, Wanted
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.transforms import Transforms
+
+Part = TypeVar("Part")
+
+
+def loaded(part: Part | None) -> Part:
+    """Return a stage that ``missing`` did not name."""
+    assert part is not None
+    return part
 
 
 class LocalStages(Stages):
@@ -45,17 +54,17 @@ class LocalStages(Stages):
 
     def request(self) -> AbstractContextManager[None]:
         """Keep streams away from the planner."""
-        return self.evaluator.request()
+        return loaded(self.evaluator).request()
 
     def labels(self, deadline: float) -> tuple[str, ...]:
         """Return the affordance classes."""
-        return self.evaluator.labels
+        return loaded(self.evaluator).labels
 
     def scene(self, wanted: Wanted, newer_than: int, deadline: float) -> SceneView:
         """Return a scene as fresh as wanted."""
         if wanted.scene == SCENES["reset"]:
-            self.fusion.reset()
-        view = self.fusion.wait(
+            loaded(self.fusion).reset()
+        view = loaded(self.fusion).wait(
             lambda v: v.stamp > newer_than and v.volume.view_count >= wanted.min_views,
             deadline if newer_than or wanted.min_views > 1 else time.monotonic(),
         )
@@ -66,19 +75,21 @@ class LocalStages(Stages):
         self, view: SceneView, roi: Box | None, wanted: Wanted, deadline: float
     ) -> Staged:
         """Propose candidates."""
-        self.evaluator.remember(view)
-        self.reach.remember(view)
-        return self.renderer.sample(view, roi, wanted.max_candidates, wanted.seed)
+        loaded(self.evaluator).remember(view)
+        loaded(self.reach).remember(view)
+        return loaded(self.renderer).sample(
+            view, roi, wanted.max_candidates, wanted.seed
+        )
 
     def evaluate(self, grasps: GraspList, view: SceneView, deadline: float) -> Staged:
         """Score candidates."""
-        return self.evaluator.evaluate(grasps, view)
+        return loaded(self.evaluator).evaluate(grasps, view)
 
     def check(
         self, grasps: GraspList, arms: tuple[str, ...], deadline: float
     ) -> GraspList:
         """Check grasps against the robot."""
-        return self.reach.check(grasps, arms)
+        return loaded(self.reach).check(grasps, arms)
 
     def transform(self, target: str, source: str, stamp: int) -> NDArray[np.float64]:
         """Return ``T_target_source``."""

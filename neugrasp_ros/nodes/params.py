@@ -26,7 +26,7 @@ def fixed(item: Any) -> Any:
     metadata = {**item.metadata, "read_only": True}
     return field(
         default=item.default, default_factory=item.default_factory, metadata=metadata
-    )  # type: ignore[call-overload]
+    )
 
 
 @dataclass(frozen=True, slots=True)

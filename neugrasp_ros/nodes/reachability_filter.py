@@ -2,6 +2,7 @@
 """Node ``reachability_filter``: which grasps the robot reaches, and with which arm."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped
@@ -42,7 +43,7 @@ class ReachabilityFilterNode(Node):
         self,
         make_checker: MakeChecker = load_checker,
         transforms: Transforms | None = None,
-        **node_options: object,
+        **node_options: Any,
     ) -> None:
         """Load the robot, then wire topics and services."""
         super().__init__(NAME, **node_options)
@@ -82,7 +83,7 @@ class ReachabilityFilterNode(Node):
         )
 
     def _create_outputs(self) -> None:
-        def output(kind: type, topic: str) -> object:
+        def output(kind: type, topic: str) -> Any:
             return self.create_publisher(
                 kind, topic, latched(), qos_overriding_options=overrides()
             )

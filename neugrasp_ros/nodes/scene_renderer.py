@@ -3,6 +3,7 @@
 
 import threading
 from collections.abc import Callable
+from typing import Any
 
 from neugrasp_msgs.msg import GraspCandidates, TsdfVolume
 from neugrasp_msgs.srv import SampleGrasps
@@ -38,7 +39,7 @@ class SceneRendererNode(Node):
     """Render scenes and sample candidates; loads the weights before it offers them."""
 
     def __init__(
-        self, make_planner: MakePlanner = load_planner, **node_options: object
+        self, make_planner: MakePlanner = load_planner, **node_options: Any
     ) -> None:
         """Load the planner, then wire topics and services."""
         super().__init__(NAME, **node_options)

@@ -2,6 +2,8 @@
 """Node ``tsdf_fusion``: depth images with their transforms into a TSDF."""
 
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from neugrasp_msgs.msg import TsdfVolume
@@ -40,7 +42,7 @@ LOOK_PERIOD = 0.05  # [s] between two looks for late transforms and due volumes
 class TsdfFusionNode(Node):
     """Fuse depth images; parameters are those of ``FusionConfig``."""
 
-    def __init__(self, **node_options: object) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Wire topics and services."""
         super().__init__(NAME, **node_options)
         self._config = declare_config(self, FusionConfig)
@@ -146,7 +148,10 @@ class TsdfFusionNode(Node):
         )
 
     def _depth_status(self) -> Status:
-        values = {**self.fusion.counts, "revision": self.fusion.revision}
+        values: dict[str, object] = {
+            **self.fusion.counts,
+            "revision": self.fusion.revision,
+        }
         try:
             view = self.fusion.view()
         except DetectionError as error:
@@ -178,7 +183,7 @@ class TsdfFusionNode(Node):
         return answer(self, response, work)
 
 
-def start(executor: Executor) -> object:
+def start(executor: Executor) -> Callable[[], None]:
     """Add the node to an executor; return what ends it."""
     node = TsdfFusionNode()
     executor.add_node(node)

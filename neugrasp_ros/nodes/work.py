@@ -18,7 +18,7 @@ Message = TypeVar("Message")
 JOIN_TIME = 5.0  # [s]
 
 
-def answer(node: Node, response: Any, work: Callable[[], None]) -> Any:
+def answer(node: Node, response: Any, work: Callable[[], object]) -> Any:
     """Run the work of a stage service and fill success and message.
 
     Args:

@@ -3,6 +3,7 @@
 
 import sys
 from array import array
+from collections.abc import Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -25,7 +26,7 @@ def to_bytes(values: NDArray) -> array:
     """
     data = array("B")
     if values.size:  # a view of nothing cannot be cast
-        data.frombytes(memoryview(np.ascontiguousarray(values)).cast("B"))
+        data.frombytes(np.ascontiguousarray(values).data.cast("B"))
     return data
 
 
@@ -55,7 +56,7 @@ def read_mask(image: Image) -> NDArray[np.bool_]:
     return np.asarray(_read(image, MASK_TYPES) != 0)
 
 
-def _read(image: Image, types: dict[str, type]) -> NDArray:
+def _read(image: Image, types: Mapping[str, type]) -> NDArray:
     if image.encoding not in types:
         raise DepthImageError(
             f"image encoding {image.encoding!r}; expected one of {', '.join(types)}"

@@ -272,7 +272,7 @@ class TransformListener:
     def _on_static(self, message: TFMessage) -> None:
         self._feed(message, self._buffer.set_transform_static)
 
-    def _feed(self, message: TFMessage, put) -> None:  # type: ignore[no-untyped-def]
+    def _feed(self, message: TFMessage, put) -> None:
         for transform in message.transforms:
             try:
                 put(transform, "default_authority")
