@@ -93,7 +93,7 @@ def load_entry(path: Path) -> SceneEntry:
         ShardError: If the file is damaged or lacks a part.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             points = file["points"]
             return SceneEntry(
                 file["volumes"],

@@ -155,7 +155,7 @@ def load_grasps(path: Path) -> GraspEntry:
         ShardError: If the file is damaged or lacks a part.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             return GraspEntry(**{f.name: file[f.name] for f in fields(GraspEntry)})
     except (KeyError, ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
         raise ShardError(f"{path}: not a whole grasp entry ({error})") from error

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+
+from neugrasp_ros.errors import ShardError
+from neugrasp_ros.training.cache import (
+    POINT_SCALE,
+    SceneEntry,
+    entry_paths,
+    load_entry,
+    save_entry,
+)
+
+
+def some_entry(seed: int = 0, points: int = 37) -> SceneEntry:
+    rng = np.random.default_rng(seed)
+    return SceneEntry(
+        rng.integers(-128, 128, (2, 8, 8, 8)).astype(np.int8),
+        np.tile(np.eye(4), (2, 1, 1)),
+        rng.integers(0, int(POINT_SCALE) + 1, (points, 3)).astype(np.uint16),
+        rng.random(points) < 0.3,
+    )
+
+
+def test_an_entry_comes_back_as_it_was(tmp_path):
+    entry, path = some_entry(), tmp_path / "0.npz"
+    save_entry(entry, path)
+    loaded = load_entry(path)
+    for name in ("volumes", "cameras", "points", "occupied"):
+        kept, now = getattr(entry, name), getattr(loaded, name)
+        assert now.dtype == kept.dtype
+        np.testing.assert_array_equal(now, kept)
+
+
+def test_only_whole_entries_appear_and_in_order(tmp_path):
+    for number in (10, 2, 1):
+        save_entry(some_entry(number), tmp_path / f"{number:05d}.npz")
+    (tmp_path / "00003.part").write_bytes(b"half")
+    assert [p.stem for p in entry_paths(tmp_path)] == ["00001", "00002", "00010"]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_a_truncated_entry_is_told(tmp_path, share):
+    path = tmp_path / "0.npz"
+    save_entry(some_entry(), path)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ShardError, match="0.npz: not a whole scene entry"):
+        load_entry(path)
+
+
+@pytest.mark.parametrize("place", [0.05, 0.3, 0.5])
+def test_a_damaged_entry_is_told(tmp_path, place):
+    path = tmp_path / "0.npz"
+    save_entry(some_entry(), path)
+    content = bytearray(path.read_bytes())
+    start = int(place * len(content))
+    content[start : start + 8] = bytes(8)
+    path.write_bytes(content)
+    with pytest.raises(ShardError, match="not a whole scene entry"):
+        load_entry(path)
+
+
+def test_an_entry_without_a_part_is_told(tmp_path):
+    path = tmp_path / "0.npz"
+    np.savez(path, volumes=np.zeros(3))
+    with pytest.raises(ShardError, match="points"):
+        load_entry(path)
+
+
+def test_a_missing_entry_is_told(tmp_path):
+    with pytest.raises(ShardError, match=r"none\.npz"):
+        load_entry(tmp_path / "none.npz")

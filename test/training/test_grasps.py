@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Labelled grasps on a box, seen by a network that completes a diamond in its place."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from diamond import diamond_network
+from labelled import ASTRAY, CENTER, SIDE, TOP, labels_of
+
+from neugrasp_ros.config import NetworkConfig
+from neugrasp_ros.errors import ShardError
+from neugrasp_ros.geometry.mesh import box_mesh
+from neugrasp_ros.geometry.transform import translation
+from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
+from neugrasp_ros.training import views
+from neugrasp_ros.training.cache import POINT_SCALE, render_entry
+from neugrasp_ros.training.grasps import (
+    cache_grasps,
+    load_grasps,
+    save_grasps,
+    view_grasps,
+)
+from neugrasp_ros.training.views import EDGE, ViewRange
+from sim_bridge.scene import SceneMeshes
+
+HALF = np.full(3, 0.025)
+NETWORK = NetworkConfig(
+    plane_resolution=8,
+    channels=4,
+    unet_depth=1,
+    unet_channels=4,
+    occupancy_hidden=8,
+    occupancy_blocks=1,
+    local_points=64,
+    pointnet_width=8,
+    pointnet_out=16,
+)
+FROM_ABOVE = ViewRange(polar=(0.2, 0.4), noise=(1.0, 0.0, 0.0))
+
+
+@pytest.fixture(autouse=True)
+def box_on_the_table(monkeypatch):
+    """Every scene is the same box."""
+    meshes = SceneMeshes((box_mesh(HALF),), translation(*CENTER)[None], (0,))
+    monkeypatch.setattr(views, "scene_meshes", lambda scene: meshes)
+
+
+@pytest.fixture(scope="module")
+def network():
+    return diamond_network(NETWORK, CENTER, 0.04).scene
+
+
+@pytest.fixture
+def entry(network):
+    rng = np.random.default_rng(0)
+    return view_grasps(labels_of(TOP, ASTRAY, SIDE), network, rng, views=FROM_ABOVE)
+
+
+def test_grasps_that_meet_no_surface_are_left_out(entry):
+    assert entry.labels.tolist() == [0, 0]  # the astray one had label 1
+    assert entry.point_features.shape == (2, 64, POINT_FEATURES)
+    assert entry.tokens.shape == (2, TOKEN_FEATURES)
+
+
+def test_local_surfaces_are_the_networks_not_the_truth(entry):
+    points = entry.points.astype(np.float64) / POINT_SCALE * EDGE
+    from_diamond = np.abs(np.abs(points - CENTER).sum(axis=-1) - 0.04)
+    assert np.median(from_diamond) < 0.002
+
+
+def test_local_occupancy_is_the_truth(entry):
+    points = entry.local_points.astype(np.float64) / POINT_SCALE * EDGE
+    depth = (HALF - np.abs(points - CENTER)).min(axis=1)
+    clear = np.abs(depth) > 2e-5
+    assert np.array_equal(entry.local_occupied[clear], depth[clear] > 0)
+    assert 0 < entry.local_occupied.mean() < 1
+
+
+def test_an_entry_comes_back_as_it_was(entry, tmp_path):
+    save_grasps(entry, tmp_path / "0.npz")
+    loaded = load_grasps(tmp_path / "0.npz")
+    for item in fields(entry):
+        np.testing.assert_array_equal(
+            getattr(loaded, item.name), getattr(entry, item.name)
+        )
+    assert not list(tmp_path.glob("*.part"))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.95])
+def test_a_truncated_entry_is_told(entry, tmp_path, share):
+    path = tmp_path / "0.npz"
+    save_grasps(entry, path)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ShardError, match="0.npz: not a whole grasp entry"):
+        load_grasps(path)
+
+
+def test_no_grasp_at_a_surface_means_no_entry(network):
+    rng = np.random.default_rng(0)
+    assert view_grasps(labels_of(ASTRAY), network, rng, views=FROM_ABOVE) is None
+
+
+def test_a_killed_run_goes_on_and_seeds_decide_what_is_seen(network, tmp_path):
+    scenes = [labels_of(TOP, SIDE, index=i) for i in (0, 1)]
+    settings = {"n_views": 2, "seed": 5}
+    assert cache_grasps(scenes, network, tmp_path / "a", **settings) == 4
+    assert cache_grasps(scenes[1:], network, tmp_path / "b", **settings) == 2
+    assert cache_grasps(scenes, network, tmp_path / "b", **settings) == 2
+    names = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert names == sorted(p.name for p in (tmp_path / "b").iterdir())
+    for name in names:
+        a, b = (load_grasps(tmp_path / folder / name) for folder in "ab")
+        np.testing.assert_array_equal(a.volume, b.volume)
+        np.testing.assert_array_equal(a.point_features, b.point_features)
+
+
+def test_a_scene_is_rendered_for_the_first_stage():
+    scene = labels_of(TOP).scene
+    first, second = (
+        render_entry(
+            scene, FROM_ABOVE, np.random.default_rng(1), n_views=2, n_points=500
+        )
+        for _ in "ab"
+    )
+    assert first.volumes.shape == (2, 64, 64, 64)
+    assert first.cameras.shape == (2, 4, 4)
+    assert not np.array_equal(first.volumes[0], first.volumes[1])
+    np.testing.assert_array_equal(first.volumes, second.volumes)
+    points = first.points / POINT_SCALE * EDGE
+    depth = (HALF - np.abs(points - CENTER)).min(axis=1)
+    clear = np.abs(depth) > 2e-5
+    assert np.array_equal(first.occupied[clear], depth[clear] > 0)
