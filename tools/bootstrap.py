@@ -159,6 +159,8 @@ def install() -> None:
     say("installing neugrasp_ros")
     pip("install", "--no-deps", "--no-build-isolation", "-e", ".")
     pip("check")
+    say("compiling the kernels, so that the first decision need not wait for it")
+    run_logged([str(VENV / "bin" / "neugrasp"), "warm"])
 
 
 def install_messages() -> None:

@@ -156,6 +156,12 @@ class DemoClient(Node):
             report(result)
         return result
 
+    def _pause(self, seconds: float) -> None:
+        """Let callbacks run for a while."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self._spin(left)
+
     def _ask(self, seed: int, affordance: str) -> DetectGrasps.Response:
         request = DetectGrasps.Request(
             scene=DetectGrasps.Request.SCENE_FRESH, affordance=affordance
@@ -167,7 +173,7 @@ class DemoClient(Node):
             loading = answer.report.code == DetectionReport.NOT_ACTIVE
             if not loading or time.monotonic() > deadline:
                 return answer
-            self._spin(0.5)
+            self._pause(1.0)
 
     def _attempt(self, grasps: GraspArray) -> Attempt:
         best = grasps.grasps[0]
