@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``neugrasp warm``: compile what the first decision would have to wait for."""
+
+import argparse
+import time
+
+
+def add_parser(
+    subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "warm", help="compile the kernels once, so that no first decision waits for it"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(_: argparse.Namespace) -> int:
+    """Load planner and robot and try each once; 0 without weights, too."""
+    from neugrasp_ros.config import PlannerConfig
+    from neugrasp_ros.errors import CheckpointError
+    from neugrasp_ros.nodes.planners import load_planner
+    from neugrasp_ros.nodes.reach_stage import RobotChecker
+    from neugrasp_ros.nodes.settings import ReachConfig
+
+    for name, load in (
+        ("planner", lambda: load_planner(PlannerConfig())),
+        ("robot", lambda: RobotChecker(ReachConfig())),
+    ):
+        start = time.perf_counter()
+        try:
+            load()
+        except CheckpointError as error:
+            print(f"{name}: {error}", flush=True)
+            continue
+        print(f"{name} compiled in {time.perf_counter() - start:.0f} s", flush=True)
+    return 0
