@@ -21,7 +21,7 @@ def add_parser(
         "starting, or did not answer in time, 64: wrong usage.",
     )
     parser.add_argument("--affordance", default="", help="such as pour, or cut|stab")
-    parser.add_argument("--max-grasps", type=int, default=0, metavar="N")
+    parser.add_argument("--max-grasps", type=count, default=0, metavar="N")
     parser.add_argument("--min-quality", type=float, default=-1.0, metavar="Q")
     parser.add_argument("--frame", default="", help="frame of the answer")
     parser.add_argument(
@@ -30,11 +30,19 @@ def add_parser(
     parser.add_argument(
         "--scene", default="fresh", choices=("current", "fresh", "reset")
     )
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=count, default=0)
     parser.add_argument("--timeout", type=float, default=30.0, metavar="SECONDS")
     parser.add_argument("--ns", default="", metavar="/NAME", help="namespace")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
+
+
+def count(text: str) -> int:
+    """Read a whole number that a message can hold."""
+    value = int(text)
+    if not 0 <= value < 2**32:
+        raise argparse.ArgumentTypeError(f"expected 0 to 2^32 - 1, got {value}")
+    return value
 
 
 def run(args: argparse.Namespace) -> int:

@@ -141,6 +141,8 @@ class GraspServerNode(Node):
                     self._stages, config, wanted, progress, newer_than
                 )
                 outcome = detection.run()
+                if outcome.report.views and self._executed == newer_than:
+                    self._executed = 0  # seen since; no later request need wait
                 self._publish(outcome)
             finally:
                 self._turn.release()

@@ -57,7 +57,8 @@ def test_no_command_imports_ros_or_torch_before_it_runs():
 
     code = (
         "import sys; from neugrasp_ros.cli.main import build_parser; build_parser(); "
-        "print([m for m in ('rclpy', 'torch', 'pybullet', 'open3d') if m in sys.modules])"
+        "heavy = {'rclpy', 'torch', 'pybullet', 'open3d'}; "
+        "print(sorted(heavy & set(sys.modules)))"
     )
     out = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

@@ -12,6 +12,7 @@ pytest.importorskip("neugrasp_msgs")
 import rclpy  # noqa: E402
 from neugrasp_msgs.msg import Grasp, GraspArray  # noqa: E402
 from neugrasp_msgs.srv import SpawnScene, TryGrasp  # noqa: E402
+from rclpy.context import Context  # noqa: E402
 from rclpy.executors import MultiThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
@@ -44,8 +45,8 @@ TABLE_Z = ORIGIN[2] + 0.05
 
 
 class Listener(Node):
-    def __init__(self) -> None:
-        super().__init__("listener")
+    def __init__(self, context: Context) -> None:
+        super().__init__("listener", context=context)
         self.heard: dict[str, list] = {}
         for kind, topic, qos in (
             (Image, f"{HEAD}/image_raw", qos_profile_sensor_data),
@@ -74,14 +75,18 @@ class Listener(Node):
 @pytest.fixture(scope="module")
 def cell(domain):
     prepare()
-    rclpy.init(args=[])
+    context = Context()  # other tests have the default one
+    rclpy.init(args=[], context=context)
     options = {
         "realtime_factor": 0.0, "camera.rate": 2.0, "seed": 3, "count": 2,
         "kind": "packed", "camera.width": 320, "camera.height": 240,
     }  # fmt: skip
     overrides = [Parameter(k, value=v) for k, v in options.items()]
-    bridge, listener = SimBridgeNode(parameter_overrides=overrides), Listener()
-    executor = MultiThreadedExecutor(num_threads=6)
+    bridge, listener = (
+        SimBridgeNode(parameter_overrides=overrides, context=context),
+        Listener(context),
+    )
+    executor = MultiThreadedExecutor(num_threads=6, context=context)
     for node in (bridge, listener):
         executor.add_node(node)
     spinning = SpinThread(executor)
@@ -89,7 +94,7 @@ def cell(domain):
     spinning.stop()
     bridge.destroy_node()
     listener.destroy_node()
-    rclpy.try_shutdown()
+    context.try_shutdown()
 
 
 def wait_for(condition, seconds: float = 20.0):
