@@ -11,7 +11,8 @@ class NeuGraspError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Let an error come back from a worker process, whatever its arguments."""
-        return copyreg.__newobj__, (type(self), *self.args), vars(self)
+        rebuild = copyreg.__newobj__  # type: ignore[attr-defined]  # stub lacks it
+        return rebuild, (type(self), *self.args), vars(self)
 
 
 class ConfigError(NeuGraspError, ValueError):

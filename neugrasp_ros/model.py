@@ -32,6 +32,8 @@ class GraspNetwork(nn.Module):
         UnknownNameError: If an encoder or detector is not in its registry.
     """
 
+    calibration: Tensor  # scale and bias of the quality logits, shape (2,)
+
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config

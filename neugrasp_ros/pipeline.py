@@ -205,8 +205,8 @@ class GraspPlanner:
             grasps = replace(grasps, widths=opened)
             if roi is not None and len(grasps):
                 position = grasps.poses[:, :3, 3]
-                inside = ((position >= roi[0]) & (position <= roi[1])).all(axis=1)
-                grasps = grasps.take(inside)
+                inside = (position >= roi[0]) & (position <= roi[1])
+                grasps = grasps.take(np.asarray(inside.all(axis=1)))
             return grasps
 
     def evaluate(
@@ -277,7 +277,7 @@ class GraspPlanner:
             quality, affordance = self._network.detector(
                 torch.from_numpy(inputs.point_features[part]).to(device),
                 torch.from_numpy(inputs.tokens[part]).to(device),
-                features.unflatten(0, points.shape[:2]),
+                features.reshape(*points.shape[:2], -1),
             )
             probability = self._network.probability(quality)
             qualities.append(probability.cpu().double().numpy())

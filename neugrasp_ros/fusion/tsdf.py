@@ -147,7 +147,7 @@ def integrate(
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "arcp"})
-def _integrate(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
+def _integrate(  # noqa: PLR0913 (a numba kernel)
     distances, weights, depth, camera, T, voxel_size, truncation, decay
 ):  # pragma: no cover - compiled
     fx, fy, cx, cy = camera

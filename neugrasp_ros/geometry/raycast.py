@@ -31,7 +31,7 @@ class RayHits(NamedTuple):
 
 
 def _tensor(array: NDArray[Any]) -> o3d.core.Tensor:
-    return o3d.core.Tensor(array)  # type: ignore[call-overload]  # stub lacks defaults
+    return o3d.core.Tensor(array)  # type: ignore[call-overload,no-any-return]
 
 
 @lru_cache(maxsize=16)

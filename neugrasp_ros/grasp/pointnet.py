@@ -41,7 +41,8 @@ class PointNet(nn.Module):
     def forward(self, points: Tensor) -> Tensor:
         """Pool points (G, P, F) to (G, outputs); their order does not matter."""
         flat = self.layers(points.flatten(0, 1))
-        return flat.unflatten(0, points.shape[:2]).amax(dim=1)
+        pooled: Tensor = flat.unflatten(0, points.shape[:2]).amax(dim=1)
+        return pooled
 
 
 @DETECTORS.register("neugrasp")
@@ -107,4 +108,5 @@ class _Head(nn.Module):
 
     def forward(self, points: Tensor, tokens: Tensor) -> Tensor:
         pooled = torch.cat([self.points(points).relu(), self.token(tokens)], dim=1)
-        return self.decide(pooled)
+        logits: Tensor = self.decide(pooled)
+        return logits

@@ -86,8 +86,8 @@ class _Decoder:
         else:
             points = torch.from_numpy(((index + 0.5) / size).astype(np.float32))
             query = points[None].to(self._planes.device)
-            logits = self._network.occupancy_chunked(self._planes, query)[0]
-            logits = logits.cpu().numpy()
+            occupied = self._network.occupancy_chunked(self._planes, query)[0]
+            logits = occupied.cpu().numpy()
         return np.clip(logits, -LOGIT_LIMIT, LOGIT_LIMIT)
 
 

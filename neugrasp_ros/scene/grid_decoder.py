@@ -7,7 +7,7 @@ point then sums three rows. The rest of the decoder runs in tiles that fit the c
 Same numbers as the decoder itself, up to rounding, at a fraction of its cost.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -52,7 +52,7 @@ def pack_weights(decoder: OccupancyDecoder) -> DecoderWeights:
     """Lay out a decoder's weights for the kernel."""
     linear = decoder.position
     shift = linear.bias - 0.5 * linear.weight.sum(dim=1)
-    blocks = list(decoder.blocks)
+    blocks: list[Any] = list(decoder.blocks)
     return DecoderWeights(
         _array(torch.cat([linear.weight.T, shift[None]])),
         _array(torch.stack([b.fc0.weight.T for b in blocks])),
@@ -78,8 +78,9 @@ def project_planes(
         Shape (3, resolution, resolution, K * H), indexed like the planes; the biases
         are in the first.
     """
-    weights = torch.stack([layer.weight for layer in decoder.injections])  # (K, H, 3C)
-    biases = torch.stack([layer.bias for layer in decoder.injections])
+    layers: list[Any] = list(decoder.injections)
+    weights = torch.stack([layer.weight for layer in layers])  # (K, H, 3C)
+    biases = torch.stack([layer.bias for layer in layers])
     n_blocks, hidden, _ = weights.shape
     channels = planes.shape[2]
     split = weights.unflatten(2, (3, channels))
@@ -121,7 +122,7 @@ def decode_on_grid(
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _doubled(table):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _doubled(table):  # pragma: no cover - compiled
     """Interpolate (3, R, R, F) to (3, 2R, 2R, F), bilinearly between cell centres."""
     planes, size, _, features = table.shape
     out = np.empty((planes, 2 * size, 2 * size, features), dtype=np.float32)
@@ -141,7 +142,7 @@ def _doubled(table):  # type: ignore[no-untyped-def]  # pragma: no cover - compi
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _decode(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0913 (a numba kernel)
+def _decode(  # noqa: C901, PLR0913 (a numba kernel)
     position, first, first_bias, second, second_bias, last, projected, index, out
 ):  # pragma: no cover - compiled
     n_blocks, hidden, _ = first.shape

@@ -98,8 +98,10 @@ def view_grasps(
     inputs, _ = assemble_inputs(
         field,
         distances,
-        pose_from(grasps.positions, grasps.quaternions),
-        grasps.openings,
+        pose_from(
+            grasps.positions.astype(np.float64), grasps.quaternions.astype(np.float64)
+        ),
+        grasps.openings.astype(np.float64),
         load_gripper(labels.gripper),
         n_points=network.config.local_points,
         image_size=render.local_image_size,
@@ -132,7 +134,7 @@ def _entry(
         labels.grasps.labels[kept],
         labels.grasps.tried[kept],
         _scaled(local),
-        truth.contains(local),
+        truth.contains(local.astype(np.float64)),
     )
 
 
