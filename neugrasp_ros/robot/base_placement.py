@@ -19,7 +19,8 @@ AHEAD = np.linspace(-0.6, 0.9, 16)  # [m]; how far the base may go, and in which
 ASIDE = np.linspace(-0.6, 0.6, 13)  # [m]
 TURNS = np.deg2rad([-60.0, -30.0, 0.0, 30.0, 60.0])
 TURN_COST = 0.3  # [m/rad]; how far a turn counts as
-EXAMINED = 12  # places that are checked in full
+EXAMINED = 10  # places that are checked in full
+SAMPLED = 2  # grasps by which all places are compared
 MAX_GRASPS = 16  # of those asked for; they are near to each other
 BODY = ((0.05, 0.35, 0.28), (0.35, 1.2, 0.22))  # [m]; from, to, radius: base, torso
 
@@ -47,8 +48,8 @@ def suggest_base(
 ) -> BaseSuggestion:
     """Find a near place from which most of the grasps are reached.
 
-    Places lie on a grid about the present one; they are ranked by the reach map and
-    their distance, and the first are checked with all that a grasp needs.
+    Places lie on a grid about the present one; they are ranked by inverse kinematics
+    and their distance, and the first are checked with all that a grasp needs.
 
     Args:
         checker: The robot.
@@ -60,21 +61,20 @@ def suggest_base(
     """
     grasps = T_base_grippers[:MAX_GRASPS]
     points = np.empty((0, 3)) if points_base is None else points_base
-    kinematics = [checker.arms[name] for name in arms or checker.arms]
-    ranked: list[tuple[float, FloatArray]] = []
-    for x, y, turn in product(AHEAD, ASIDE, TURNS):
-        T = _place(x, y, turn)
-        there = invert(T) @ grasps
-        near = np.any([arm.may_reach(there) for arm in kinematics], axis=0).sum()
-        if near and _stands_free(T, points, boxes):
-            cost = np.hypot(x, y) + TURN_COST * abs(turn)
-            ranked.append((cost - near, T))
-    ranked.sort(key=lambda item: item[0])
+    places = np.array(
+        [
+            T
+            for T in (_place(*where) for where in product(AHEAD, ASIDE, TURNS))
+            if _stands_free(T, points, boxes)
+        ]
+    ).reshape(-1, 4, 4)
+    names = tuple(arms) or tuple(checker.arms)
+    ranked = _rank(checker, places, grasps[:SAMPLED], names)
     best = BaseSuggestion(np.eye(4), 0)
-    for _, T in ranked[:EXAMINED]:
+    for T in ranked[:EXAMINED]:
         result = checker.check(
             invert(T) @ grasps,
-            arms=arms,
+            arms=names,
             start=start,
             obstacles=_seen_from(T, points, boxes),
         )
@@ -84,6 +84,28 @@ def suggest_base(
         if count == len(grasps):
             break
     return best
+
+
+def _rank(
+    checker: ReachabilityChecker,
+    places: FloatArray,
+    grasps: FloatArray,
+    arms: Sequence[str],
+) -> FloatArray:
+    """Return places from which an arm reaches all of a way, most and nearest first."""
+    way = np.repeat(grasps[:, None], 3, axis=1)  # grasp, pre-grasp, lifted
+    way[:, 1, :3, 3] -= checker.config.pregrasp_distance * grasps[:, :3, 2]
+    way[:, 2, 2, 3] += checker.config.lift_distance
+    there = (invert(places)[:, None] @ way.reshape(1, -1, 4, 4)).reshape(-1, 4, 4)
+    whole = np.zeros((len(places), len(grasps)), dtype=bool)
+    for name in arms:
+        reached = checker.arms[name].solve(there, seeds=2).reached
+        whole |= reached.reshape(len(places), len(grasps), 3).all(axis=2)
+    counts = whole.sum(axis=1)
+    turns = np.arctan2(places[:, 1, 0], places[:, 0, 0])
+    costs = np.hypot(places[:, 0, 3], places[:, 1, 3]) + TURN_COST * np.abs(turns)
+    order = np.lexsort([costs, -counts])
+    return places[order[counts[order] > 0]]
 
 
 def _place(x: float, y: float, turn: float) -> FloatArray:

@@ -74,7 +74,7 @@ class CollisionChecker:
         group: str = "",
         obstacles: Obstacles | None = None,
     ) -> IntArray:
-        """Return ``FREE``, ``SELF`` or ``SCENE`` for configurations (N, J).
+        """Return ``FREE``, ``SELF``, ``SCENE`` or ``HAND`` for configurations (N, J).
 
         Args:
             configurations: Joint values in the robot's order, shape (N, J).

@@ -15,7 +15,8 @@ from neugrasp_ros.robot.bodies import Hulls, JointTree, body_poses
 from neugrasp_ros.robot.gjk import closer_than, still_apart
 from neugrasp_ros.robot.obstacles import CELL, Obstacles
 
-FREE, SELF, SCENE = 0, 1, 2
+FREE, SELF, SCENE, HAND = 0, 1, 2, 3
+"""Contact of nothing, of two links, of a link with the scene, of the hand with it."""
 
 
 class Scope(NamedTuple):
@@ -73,18 +74,19 @@ def _apart_across(C, t, a, b, margin):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _boxes_apart(d, A, a, B, b, margin):  # type: ignore[no-untyped-def]
+def _boxes_apart(d, first, second, margin, scratch):  # type: ignore[no-untyped-def]
     """Separating-axis test of two boxes.
 
     Args:
         d: Vector between their centres in [m].
-        A: Axes of the first as columns, shape (3, 3).
-        a: Its half extents in [m], shape (3,).
-        B: Axes of the second.
-        b: Its half extents.
+        first: Axes as columns (3, 3) and half extents in [m] (3,) of one.
+        second: Those of the other.
         margin: In [m].
+        scratch: Shape (4, 3).
     """
-    C, t = np.empty((3, 3)), np.empty(3)
+    A, a = first
+    B, b = second
+    C, t = scratch[:3], scratch[3]
     for i in range(3):
         t[i] = A[0, i] * d[0] + A[1, i] * d[1] + A[2, i] * d[2]
         for j in range(3):
@@ -159,7 +161,7 @@ def _place_balls(world, rotations, positions, balls):  # type: ignore[no-untyped
 def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
     """Return the first pair of hulls closer than the padding, or -1."""
     hulls, margin = world.hulls, scope.self_padding
-    rotations, positions, centers, axes, balls, splits = buffers
+    rotations, positions, centers, axes, balls, splits, scratch = buffers
     for n in range(scope.body_pairs.shape[0]):
         a, b = scope.body_pairs[n, 0], scope.body_pairs[n, 1]
         reach = world.body_balls[a, 3] + world.body_balls[b, 3] + margin
@@ -170,9 +172,8 @@ def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
             d = _gap(centers[i], centers[j])
             if not _within(d, hulls.radii[i] + hulls.radii[j] + margin):
                 continue
-            if _boxes_apart(
-                d, axes[i], hulls.halves[i], axes[j], hulls.halves[j], margin
-            ):
+            box_i, box_j = (axes[i], hulls.halves[i]), (axes[j], hulls.halves[j])
+            if _boxes_apart(d, box_i, box_j, margin, scratch):
                 continue
             first = _hull(hulls, rotations, positions, i)
             second = _hull(hulls, rotations, positions, j)
@@ -185,20 +186,18 @@ def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _hits_box(world, g, margin, poses, boxes):  # type: ignore[no-untyped-def]
+def _hits_box(world, g, margin, buffers):  # type: ignore[no-untyped-def]
     """Return whether hull ``g`` is closer than the margin to a solid box."""
     hulls, solid = world.hulls, world.obstacles.boxes
-    centers, axes = boxes
-    rotations, positions = poses
-    base, split = rotations.shape[0] - 1, np.empty(3)
+    rotations, positions, centers, axes, _, _, scratch = buffers
+    base, split = rotations.shape[0] - 1, scratch[3]
     for k in range(solid.radii.shape[0]):
         d = _gap(centers[g], solid.centers[k])
         reach = hulls.radii[g] + solid.radii[k] + margin
         if not _within(d, reach):
             continue
-        if _boxes_apart(
-            d, axes[g], hulls.halves[g], solid.axes[k], solid.halves[k], margin
-        ):
+        mine, other = (axes[g], hulls.halves[g]), (solid.axes[k], solid.halves[k])
+        if _boxes_apart(d, mine, other, margin, scratch):
             continue
         first = _hull(hulls, rotations, positions, g)
         corners = solid.vertices[solid.vertex_starts[k] : solid.vertex_starts[k + 1]]
@@ -224,6 +223,29 @@ def point_in_hull(hulls, g, pose, point, margin):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
+def _outside_box(halves, center, axes, point, margin):  # type: ignore[no-untyped-def]
+    """Return whether a point lies outside a box that grows by the margin."""
+    d = _gap(point, center)
+    for j in range(3):
+        along = d[0] * axes[0, j] + d[1] * axes[1, j] + d[2] * axes[2, j]
+        if abs(along) > halves[j] + margin:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _cells_along(world, g, margin, center, axes, i):  # type: ignore[no-untyped-def]
+    """Return the first and last cell, along axis ``i``, that hull ``g`` can reach."""
+    hulls, obstacles = world.hulls, world.obstacles
+    reach = margin
+    for j in range(3):
+        reach += abs(axes[i, j]) * hulls.halves[g, j]
+    corner = center[i] - obstacles.origin[i]
+    low = max(0, int(np.floor((corner - reach) / CELL)))
+    return low, min(obstacles.cells[i] - 1, int(np.floor((corner + reach) / CELL)))
+
+
+@njit(cache=True, error_model="numpy")
 def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
     """Return whether an obstacle point lies in hull ``g`` grown by the margin.
 
@@ -232,31 +254,28 @@ def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
         g: The hull.
         margin: In [m].
         posed: Rotation and position of its body, centre and axes of its box.
-        held: Ball of points to pass over: centre x, y, z and radius in [m].
+        held: Ball of points to pass over: centre x, y, z and radius in [m]; none if
+            that is not positive.
     """
     hulls, obstacles = world.hulls, world.obstacles
     rotation, position, center, axes = posed
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    for i in range(3):
-        reach = margin
-        for j in range(3):
-            reach += abs(axes[i, j]) * hulls.halves[g, j]
-        corner = center[i] - obstacles.origin[i]
-        low[i] = max(0, int(np.floor((corner - reach) / CELL)))
-        high[i] = min(obstacles.cells[i] - 1, int(np.floor((corner + reach) / CELL)))
-    if high[2] < low[2]:
+    i_low, i_high = _cells_along(world, g, margin, center, axes, 0)
+    j_low, j_high = _cells_along(world, g, margin, center, axes, 1)
+    k_low, k_high = _cells_along(world, g, margin, center, axes, 2)
+    if k_high < k_low:
         return False
-    for i in range(low[0], high[0] + 1):
-        for j in range(low[1], high[1] + 1):
+    for i in range(i_low, i_high + 1):
+        for j in range(j_low, j_high + 1):
             row = (i * obstacles.cells[1] + j) * obstacles.cells[2]
             # cells along z follow each other, and so do their points
-            start = obstacles.starts[row + low[2]]
-            stop = obstacles.starts[row + high[2] + 1]
+            start = obstacles.starts[row + k_low]
+            stop = obstacles.starts[row + k_high + 1]
             for k in range(start, stop):
                 point = obstacles.points[k]
-                if held[3] > 0.0:
-                    if _within(_gap(point, held), held[3]):
-                        continue
+                if _outside_box(hulls.halves[g], center, axes, point, margin):
+                    continue
+                if held[3] > 0.0 and _within(_gap(point, held), held[3]):
+                    continue
                 if point_in_hull(hulls, g, (rotation, position), point, margin):
                     return True
     return False
@@ -274,22 +293,24 @@ def contact(world, scope, q, held, buffers):  # type: ignore[no-untyped-def]
         buffers: Scratch from ``make_buffers``.
 
     Returns:
-        ``FREE``, ``SELF`` with the pair's number, or ``SCENE`` with the hull's.
+        ``FREE``, ``SELF`` with the pair's number, ``SCENE`` or ``HAND`` with the
+        hull's.
     """
-    rotations, positions, centers, axes, balls, _ = buffers
+    rotations, positions, centers, axes, balls, _, scratch = buffers
     hulls = world.hulls
     body_poses(world.tree, q, rotations, positions)
     _place(hulls, rotations, positions, centers, axes)
     _place_balls(world, rotations, positions, balls)
-    poses, boxes = (rotations, positions), (centers, axes)
     pair = _first_pair(world, scope, buffers)
     if pair >= 0:
         return SELF, pair
-    empty = np.zeros(4)
+    nothing = (0.0, 0.0, 0.0, -1.0)
+    ball = (held[0], held[1], held[2], held[3])
     for k in range(scope.movers.shape[0]):
         g = scope.movers[k]
-        if _hits_box(world, g, scope.padding[k], poses, boxes):
-            return SCENE, g
+        code = HAND if scope.hand[k] else SCENE
+        if _hits_box(world, g, scope.padding[k], buffers):
+            return code, g
         if world.obstacles.points.shape[0] == 0:
             continue
         margin = scope.padding[k]
@@ -297,8 +318,8 @@ def contact(world, scope, q, held, buffers):  # type: ignore[no-untyped-def]
             margin += world.obstacles.reach
         body = hulls.bodies[g] if hulls.bodies[g] >= 0 else q.shape[0]
         posed = (rotations[body], positions[body], centers[g], axes[g])
-        if _hits_point(world, g, margin, posed, held if scope.hand[k] else empty):
-            return SCENE, g
+        if _hits_point(world, g, margin, posed, ball if scope.hand[k] else nothing):
+            return code, g
     return FREE, -1
 
 
@@ -313,6 +334,7 @@ def make_buffers(world, scope):  # type: ignore[no-untyped-def]
         np.empty((hulls, 3, 3)),
         np.empty((joints + 1, 3)),
         np.zeros((scope.pairs.shape[0], 3)),
+        np.empty((4, 3)),
     )
 
 

@@ -18,7 +18,7 @@ from numba import njit
 from neugrasp_ros.robot.chain import SerialChain, fill_jacobian, tip_and_axes
 
 MU, EPS = 0.02, 1e-6  # damping, relative and floor, at errors of the order of 1
-POLISH = 2  # steps more once inside the tolerance, so that paths come out smooth
+POLISH = 1  # steps more once inside the tolerance, so that paths come out smooth
 STALL_STEPS = 5  # in which the error must halve
 MAX_STEP = 0.8  # [rad] or [m], of any joint in one iteration
 
@@ -116,11 +116,11 @@ def _block_at_limits(problem, q, step, mobility):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def _move(problem, q, jacobian, error, damping):  # type: ignore[no-untyped-def]
+def _move(problem, q, jacobian, error, damping, scratch):  # type: ignore[no-untyped-def]
     """Take one damped step, in place, inside the limits."""
+    matrix, solution, mobility, step = scratch
     joints = q.shape[0]
-    matrix, solution = np.empty((6, 6)), np.empty(6)
-    mobility, step = problem.weights.copy(), np.empty(joints)
+    mobility[:] = problem.weights
     for _ in range(3):
         _fill_gram(jacobian, mobility, damping, matrix)
         _solve_cholesky(matrix, error, solution)
@@ -130,7 +130,9 @@ def _move(problem, q, jacobian, error, damping):  # type: ignore[no-untyped-def]
                 step[k] += mobility[k] * jacobian[i, k] * solution[i]
         if not _block_at_limits(problem, q, step, mobility):
             break
-    largest = np.max(np.abs(step))
+    largest = 0.0
+    for k in range(joints):
+        largest = max(largest, abs(step[k]))
     scale = min(1.0, MAX_STEP / largest) if largest > 0.0 else 1.0
     for k in range(joints):
         moved = q[k] + scale * step[k]
@@ -144,6 +146,7 @@ def solve_from(problem, target_rotation, target_position, q):  # type: ignore[no
     rotation, position = np.empty((3, 3)), np.empty(3)
     axes, origins = np.empty((joints, 3)), np.empty((joints, 3))
     jacobian, error = np.empty((6, joints)), np.empty(6)
+    scratch = (np.empty((6, 6)), np.empty(6), np.empty(joints), np.empty(joints))
     checkpoint, inside, best = np.inf, 0, np.empty(joints)
     for iteration in range(problem.max_iterations + 1):
         tip_and_axes(problem.chain, q, rotation, position, axes, origins)
@@ -164,7 +167,7 @@ def solve_from(problem, target_rotation, target_position, q):  # type: ignore[no
                 return False  # stuck: the next seed is the better use of time
             checkpoint = size
         fill_jacobian(problem.chain, position, axes, origins, jacobian)
-        _move(problem, q, jacobian, error, MU * size * size + EPS)
+        _move(problem, q, jacobian, error, MU * size * size + EPS, scratch)
     q[:] = best if inside else q
     return inside > 0
 

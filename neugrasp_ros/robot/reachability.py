@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from neugrasp_ros.errors import RobotModelError, ShapeError
 from neugrasp_ros.geometry.transform import flip_gripper
 from neugrasp_ros.robot.collision import CollisionChecker
-from neugrasp_ros.robot.contact import FREE, SCENE, SELF
+from neugrasp_ros.robot.contact import FREE, HAND, SELF
 from neugrasp_ros.robot.kinematics import ArmKinematics
 from neugrasp_ros.robot.model import RobotModel
 from neugrasp_ros.robot.obstacles import Obstacles
@@ -185,6 +185,7 @@ class _Search:
         up = max(1, round(self.config.lift_distance / spacing))
         self.back = np.linspace(0, self.config.pregrasp_distance, back + 1)[1:]
         self.up = np.linspace(0, self.config.lift_distance, up + 1)[1:]
+        self.closed = np.zeros(count, dtype=bool)  # answered for good
         width = max(len(arm.lower) for arm in self.arms)
         self.result = ReachResult(
             codes=np.full(count, Reach.NO_IK, dtype=np.int64),
@@ -203,7 +204,7 @@ class _Search:
         sides = np.arange(2 * count)
         ways = self._solve_all(sides, FIRST_SEEDS)
         rest = ~np.isin(sides % count, ways.grasps)
-        more = self._solve_all(sides[rest], None)
+        more = self._solve_all(sides[rest], None, after=FIRST_SEEDS - 1)
         ways = _Ways(*(np.concatenate(pair) for pair in zip(ways, more, strict=True)))
         self._tell_limits(~np.isin(np.arange(count), ways.grasps))
         for attempt in range(1 + self.config.retries):
@@ -218,8 +219,8 @@ class _Search:
                         self._try(number, ways.take(mine))
         return self.result
 
-    def _solve_all(self, sides: IntArray, seeds: int | None) -> _Ways:
-        """Solve some sides with every arm."""
+    def _solve_all(self, sides: IntArray, seeds: int | None, after: int = -1) -> _Ways:
+        """Solve some sides with every arm, from the seeds behind ``after``."""
         width = self.result.approach.shape[2]
         nothing = np.zeros(0, dtype=np.int64)
         parts = [
@@ -229,7 +230,8 @@ class _Search:
             )
         ]  # fmt: skip
         for number in range(len(self.arms)):
-            parts.append(self._solve(number, sides, seeds=seeds))
+            skipped = np.full(len(sides), after)
+            parts.append(self._solve(number, sides, seeds=seeds, after=skipped))
         return _Ways(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _solve(
@@ -261,7 +263,7 @@ class _Search:
 
     def _other_solutions(self, ways: _Ways) -> _Ways:
         """Solve the ways of the open grasps again, from the seeds that are left."""
-        ways = ways.take(self.result.codes[ways.grasps] != Reach.OK)
+        ways = ways.take(~self.closed[ways.grasps])
         parts = [ways.take(np.zeros(0, dtype=np.int64))]
         for number in range(len(self.arms)):
             mine = ways.take(ways.arms == number)
@@ -278,7 +280,7 @@ class _Search:
 
     def _best_open(self, ways: _Ways, untried: BoolArray) -> IntArray:
         """Return the best untried way of each grasp that is still open."""
-        rows = np.flatnonzero(untried & (self.result.codes[ways.grasps] != Reach.OK))
+        rows = np.flatnonzero(untried & ~self.closed[ways.grasps])
         rows = rows[np.argsort(-ways.scores[rows], kind="stable")]
         return np.asarray(rows[np.unique(ways.grasps[rows], return_index=True)[1]])
 
@@ -286,11 +288,8 @@ class _Search:
         """Check one way of each of some grasps and note how far it got."""
         ways = ways._replace(q=ways.q[:, : len(self.arms[number].lower)])
         codes = self._contacts(number, ways.q[:, None], ways)
-        reach = np.select(
-            [codes == SELF, codes == SCENE],
-            [Reach.SELF_COLLISION, Reach.SCENE_COLLISION],
-            Reach.NO_APPROACH,
-        )
+        reach = np.where(codes == SELF, Reach.SELF_COLLISION, Reach.SCENE_COLLISION)
+        reach[codes == FREE] = Reach.NO_APPROACH
         free = np.flatnonzero(codes == FREE)
         approach, lift, complete = self._paths(number, ways.take(free))
         reach[free[complete]] = Reach.OK
@@ -304,6 +303,7 @@ class _Search:
         better = PROGRESS[reach] > PROGRESS[result.codes[ways.grasps]]
         result.codes[ways.grasps[better]] = reach[better]
         good = ways.take(reach == Reach.OK)
+        self.closed[good.grasps] = True
         result.arms[good.grasps] = number
         result.flipped[good.grasps] = good.flipped
         result.manipulability[good.grasps] = good.manipulability
@@ -328,16 +328,11 @@ class _Search:
         held = np.column_stack(
             [grasp[rows, :3, 3], np.full(len(rows), self.config.held_radius)]
         )
-        step = self.config.check_spacing
-        # the end of each path, and every `step`-th pose before it
-        checked = self._contacts(
-            number, retreat[rows, ::-1][:, ::step], ways.take(rows)
-        )
+        # from the far ends, where the arm has moved most
+        checked = self._contacts(number, retreat[rows, ::-1], ways.take(rows))
         rows, held = rows[checked == FREE], held[checked == FREE]
         complete[:] = False
-        checked = self._contacts(
-            number, lift[rows, ::-1][:, ::step], ways.take(rows), held
-        )
+        checked = self._contacts(number, lift[rows, ::-1], ways.take(rows), held)
         complete[rows[checked == FREE]] = True
         here = ways.q[:, None]
         approach = np.concatenate([retreat[:, ::-1], here], axis=1)
@@ -350,13 +345,16 @@ class _Search:
         ways: _Ways,
         held: FloatArray | None = None,
     ) -> IntArray:
-        return self.checker.collisions.path_codes(
+        """Check paths; where the hand itself hits the scene, no other way helps."""
+        codes = self.checker.collisions.path_codes(
             paths,
             self._starts(ways),
             self.arms[number].group,
             obstacles=self.obstacles,
             held=held,
         )
+        self.closed[ways.grasps[codes == HAND]] = True
+        return codes
 
     def _starts(self, ways: _Ways) -> FloatArray:
         """Return the present configuration, with the jaws opened for each grasp."""

@@ -29,13 +29,10 @@ class ReachabilityConfig(Checked):
     pregrasp_distance: float = option(0.10, "Way back from the grasp [m]", 0.0, 0.5)
     lift_distance: float = option(0.10, "Way up with the object [m]", 0.0, 0.5)
     path_spacing: float = option(
-        0.01, "Spacing of the poses solved along approach and lift [m]", 0.002, 0.1
-    )
-    check_spacing: int = option(
-        2, "Of those, every how many are checked for collisions", 1, 10
+        0.02, "Spacing of the poses solved and checked on the way [m]", 0.002, 0.1
     )
     max_joint_change: float = option(
-        0.35, "Largest change of a joint between two such poses [rad]", 0.01, 2.0
+        0.5, "Largest change of a joint between two such poses [rad]", 0.01, 2.0
     )
     check_self_collision: bool = option(True, "Refuse self-collision")
     check_scene_collision: bool = option(True, "Refuse collision with the scene")
@@ -47,7 +44,7 @@ class ReachabilityConfig(Checked):
         0.12, "Scene around the TCP that travels with the hand in a lift [m]", 0.0, 0.5
     )
     retries: int = option(
-        2, "Other solutions tried when one fails in collision or on its path", 0, 16
+        1, "Other solutions tried when one fails in collision or on its path", 0, 16
     )
     travel_weight: float = option(
         0.03, "Manipulability given up to arrive a second earlier [1/s]", 0.0, 1.0

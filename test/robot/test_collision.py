@@ -7,7 +7,7 @@ import pytest
 
 from neugrasp_ros.errors import RobotModelError, ShapeError
 from neugrasp_ros.robot.collision import CollisionChecker
-from neugrasp_ros.robot.contact import FREE, SCENE, SELF
+from neugrasp_ros.robot.contact import FREE, HAND, SCENE, SELF
 from neugrasp_ros.robot.model import RobotModel
 from neugrasp_ros.robot.obstacles import SolidBox, make_obstacles
 
@@ -31,14 +31,12 @@ def test_the_resting_posture_touches_nothing(robot, collisions):
     assert collisions.first_contact(robot.home) is None
 
 
-def test_crossed_hands_are_self_collision(robot, collisions):
+def test_an_arm_folded_into_the_chest_is_self_collision(robot, collisions):
     q = robot.home.copy()
-    for side in ("left", "right"):  # both arms reach across the chest
-        for joint, value in zip(range(1, 5), (1.5, 0.2, 0.0, 2.0), strict=True):
-            q[robot.joint_names.index(f"arm_{side}_{joint}_joint")] = value
+    for joint, value in zip(range(1, 5), (-1.1, -1.1, 0.0, 2.3), strict=True):
+        q[robot.joint_names.index(f"arm_left_{joint}_joint")] = value
     assert collisions.codes(q[None])[0] == SELF
-    contact = collisions.first_contact(q)
-    assert {contact.first, contact.second} <= set(robot.frame_names)
+    assert set(collisions.first_contact(q)) == {"torso_lift_link", "arm_left_5_link"}
 
 
 def test_answers_equal_those_of_pinocchio(robot, collisions, samples):
@@ -81,8 +79,8 @@ def test_only_pairs_that_the_group_moves_are_asked(robot, collisions):
 
 def test_an_arm_in_a_box_is_scene_collision(robot, collisions):
     tip = robot.frame_pose(robot.home, "gripper_left_tcp")[:3, 3]
-    box = make_obstacles(boxes=[SolidBox(at(tip), np.full(3, 0.05))])
-    assert collisions.codes(robot.home[None], LEFT, box)[0] == SCENE
+    box = make_obstacles(boxes=[SolidBox(at(tip), np.full(3, 0.15))])
+    assert collisions.codes(robot.home[None], LEFT, box)[0] == HAND
     assert collisions.first_contact(robot.home, LEFT, box).second == "scene"
     aside = make_obstacles(boxes=[SolidBox(at(tip + [0, 0.5, 0]), np.full(3, 0.05))])
     assert collisions.codes(robot.home[None], LEFT, aside)[0] == FREE
@@ -92,13 +90,13 @@ def test_a_point_between_open_jaws_is_free_and_in_a_finger_is_not(robot, collisi
     T = robot.frame_pose(robot.home, "gripper_left_tcp")
     between = T @ [-0.01, 0.0, 0.0, 1.0]
     in_finger = T @ [-0.01, 0.0425 + 0.006, 0.0, 1.0]
-    for point, code in ((between, FREE), (in_finger, SCENE)):
+    for point, code in ((between, FREE), (in_finger, HAND)):
         scene = make_obstacles(point[None, :3])
         assert collisions.codes(robot.home[None], LEFT, scene)[0] == code
     closed = robot.home.copy()
     robot.set_opening(closed, "left", 0.0)
     scene = make_obstacles((T @ [-0.01, 0.004, 0.0, 1.0])[None, :3])
-    assert collisions.codes(closed[None], LEFT, scene)[0] == SCENE
+    assert collisions.codes(closed[None], LEFT, scene)[0] == HAND
 
 
 def test_what_the_hand_holds_is_not_in_its_way(robot, collisions):
@@ -107,16 +105,16 @@ def test_what_the_hand_holds_is_not_in_its_way(robot, collisions):
     q = robot.home[robot.group_indices(LEFT)][None, None]
     ball = np.append(T[:3, 3], 0.12)[None]
     starts = robot.home[None]
-    assert collisions.path_codes(q, starts, LEFT, obstacles=scene)[0] == SCENE
+    assert collisions.path_codes(q, starts, LEFT, obstacles=scene)[0] == HAND
     assert collisions.path_codes(q, starts, LEFT, obstacles=scene, held=ball)[0] == FREE
 
 
 def test_points_and_a_box_of_the_same_shape_give_the_same_answer(
     robot, collisions, rng
 ):
-    center, size = np.array([0.7, 0.2, 0.8]), np.array([0.2, 0.3, 0.1])
+    center, size = np.array([0.6, 0.3, 0.9]), np.array([0.3, 0.4, 0.2])
     # sample its faces
-    points = rng.uniform(-0.5, 0.5, (20000, 3))
+    points = rng.uniform(-0.5, 0.5, (60000, 3))
     face = rng.integers(0, 3, len(points))
     points[np.arange(len(points)), face] = np.sign(points[np.arange(len(points)), face])
     points[np.arange(len(points)), face] *= 0.5
@@ -128,8 +126,8 @@ def test_points_and_a_box_of_the_same_shape_give_the_same_answer(
     q[:, indices] = rng.uniform(chain.lower, chain.upper, (300, 8))
     by_box = collisions.codes(q, LEFT, box)
     by_points = collisions.codes(q, LEFT, cloud)
-    assert (by_box == SCENE).sum() > 10
-    assert np.mean(by_box == by_points) > 0.97
+    assert (by_box >= SCENE).sum() > 10
+    assert np.mean((by_box >= SCENE) == (by_points >= SCENE)) > 0.97
 
 
 def test_points_on_the_robot_are_told_from_others(robot, collisions):

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import coal
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -63,24 +64,29 @@ def test_points_and_flat_shapes_work(rng):
         assert closer(first, posed(square), height + 1e-6)
 
 
-def test_random_hulls_agree_with_a_quadratic_program(rng):
-    from scipy.optimize import nnls
+def coal_hull(vertices):
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(0, len(vertices))
+    mesh.addVertices(vertices)
+    mesh.endModel()
+    mesh.buildConvexHull(False, "Qt")
+    return mesh.convex
 
-    for _ in range(40):
-        a = rng.normal(size=(8, 3)) * 0.1
-        b = rng.normal(size=(8, 3)) * 0.1
-        position = rng.normal(size=3) * 0.25
-        # nearest points as convex combinations: least squares with weights >= 0
-        heavy = 1e4
-        system = np.zeros((5, 16))
-        system[:3] = np.hstack([(a + position).T, -b.T])
-        system[3, :8] = system[4, 8:] = heavy
-        weights, _ = nnls(system, np.array([0, 0, 0, heavy, heavy]))
-        distance = np.linalg.norm(system[:3] @ weights)
-        if 0 < distance < 1e-3:
-            continue
-        first, second = posed(a, position=position), posed(b)
-        assert closer(first, second, distance + 1e-4)
+
+def test_random_hulls_agree_with_coal(rng):
+    for _ in range(100):
+        a, b = rng.normal(size=(2, 12, 3)) * 0.1
+        turn, position = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3) * 0.3
+        distance = coal.distance(
+            coal_hull(a),
+            coal.Transform3s(turn, position),
+            coal_hull(b),
+            coal.Transform3s(np.eye(3), np.zeros(3)),
+            coal.DistanceRequest(),
+            coal.DistanceResult(),
+        )
+        first, second = posed(a, turn, position), posed(b)
+        assert closer(first, second, max(distance, 0.0) + 1e-4)
         if distance > 1e-3:
             assert not closer(first, second, distance - 1e-4)
 

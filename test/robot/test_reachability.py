@@ -151,9 +151,10 @@ def test_a_hand_in_the_table_is_scene_collision(reach, scene):
     inside[:, :3, :3] = DOWN
     inside[:, :3, 3] = np.linspace([0.6, -0.2, 0.71], [0.7, 0.2, 0.71], 20)
     result = reach.check(inside, obstacles=scene)
-    assert set(result.codes) == {Reach.SCENE_COLLISION}
-    free = reach.check(inside)
-    assert free.reachable.mean() > 0.5
+    free = reach.check(inside).reachable
+    assert free.sum() >= 5
+    assert set(result.codes[free]) == {Reach.SCENE_COLLISION}
+    assert not result.reachable.any()
 
 
 def test_a_hand_in_its_own_body_is_self_collision(reach):
@@ -173,9 +174,9 @@ def test_a_lid_over_the_approach_is_no_approach(reach):
     assert reach.check(grasp).reachable.all()
     arm = reach.check(grasp)
     q = arm.approach[0, 0]
-    # a point that only the pre-grasp's palm touches
+    # at the palm's corner before the approach; behind it, the wrist is slimmer
     name = arm.arm_of(0)
-    palm = reach.arms[name].forward(q)[0] @ [0.0, 0.0, -0.14, 1.0]
+    palm = reach.arms[name].forward(q)[0] @ [0.034, 0.052, -0.06, 1.0]
     lid = make_obstacles(palm[None, :3])
     blocked = reach.check(grasp, obstacles=lid)
     assert blocked.codes.tolist() == [Reach.NO_APPROACH]
