@@ -61,14 +61,15 @@ def ready(words: list[str]) -> dict:
 def test_the_suite_of_processes_answers_with_the_real_network(
     domain, separate, tmp_path
 ):
-    log = (tmp_path / "up.log").open("w")
     command = [sys.executable, "-m", "neugrasp_ros.cli.main", "up", "--sim", *separate]
-    suite = subprocess.Popen(
-        [*command, "-p", "sim_bridge:kind:=packed", "-p", "sim_bridge:seed:=1"],
-        stdout=log,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-    )
+    path = tmp_path / "up.log"
+    with path.open("w") as log:
+        suite = subprocess.Popen(
+            [*command, "-p", "sim_bridge:kind:=packed", "-p", "sim_bridge:seed:=1"],
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
     try:
         answer = ready(["--min-quality", "0", "--max-grasps", "3"])
         assert answer["counts"]["views"] >= 1
@@ -81,4 +82,4 @@ def test_the_suite_of_processes_answers_with_the_real_network(
     finally:
         os.kill(suite.pid, signal.SIGINT)
         code = suite.wait(60)
-    assert code == 0, (tmp_path / "up.log").read_text()
+    assert code == 0, path.read_text()
