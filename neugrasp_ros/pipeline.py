@@ -285,6 +285,11 @@ class GraspPlanner:
         return np.concatenate(qualities), np.concatenate(affordances)
 
 
+def use_threads(count: int) -> None:
+    """Let the networks of this process use ``count`` threads."""
+    torch.set_num_threads(count)
+
+
 def _equal(a: TsdfVolume, b: TsdfVolume) -> bool:
     return a.voxel_size == b.voxel_size and bool(
         np.array_equal(a.distances, b.distances, equal_nan=True)

@@ -30,11 +30,10 @@ def add_parser(
 
 
 def _setup(policy: str, config: Any) -> tuple[Any, None]:
-    import torch
-
     from neugrasp_ros.benchmark.policies import make_policy
+    from neugrasp_ros.pipeline import use_threads
 
-    torch.set_num_threads(1)
+    use_threads(1)
     return make_policy(policy, config), None
 
 
