@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from diamond import diamond_network
+from labelled import CENTER, SIDE, TOP, labels_of
+
+from neugrasp_ros.config import NetworkConfig, TrainConfig
+from neugrasp_ros.geometry.transform import translation
+from neugrasp_ros.training.cache import load_entry
+from neugrasp_ros.training.quality import GraspCache, predict
+from neugrasp_ros.training.run import (
+    DEFAULT_STAGES,
+    calibrate,
+    render_scenes,
+    train_stage,
+)
+
+NETWORK = NetworkConfig(
+    plane_resolution=8,
+    channels=4,
+    unet_depth=1,
+    unet_channels=4,
+    occupancy_hidden=8,
+    occupancy_blocks=1,
+    local_points=64,
+    pointnet_width=8,
+    pointnet_out=16,
+)
+HANDS = [translation(0, 0, 0.005 * i) @ hand for i in range(4) for hand in (TOP, SIDE)]
+
+
+@pytest.fixture
+def network():
+    return diamond_network(NETWORK, CENTER, 0.04)
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    render_scenes([labels_of(TOP, index=7)], folder / "tune_scenes", workers=1)
+    return folder
+
+
+def test_the_stages_are_the_papers_terms_one_after_the_other():
+    assert [stage.stage for stage in DEFAULT_STAGES] == [
+        "occupancy",
+        "quality",
+        "joint",
+    ]
+
+
+def test_a_scene_is_rendered_once(rendered):
+    path = rendered / "tune_scenes" / "0000007.npz"
+    entry, stamp = load_entry(path), path.stat().st_mtime_ns
+    assert entry.volumes.shape[1:] == (64, 64, 64)
+    assert entry.occupied.any()
+    render_scenes([labels_of(TOP, index=7)], rendered / "tune_scenes", workers=1)
+    assert path.stat().st_mtime_ns == stamp
+
+
+def test_a_scene_without_objects_is_not_rendered(tmp_path):
+    empty = labels_of(TOP)
+    empty = replace(empty, scene=replace(empty.scene, objects=()))
+    render_scenes([empty], tmp_path / "scenes", workers=1)
+    assert list((tmp_path / "scenes").iterdir()) == []
+
+
+def test_calibration_brings_the_mean_to_the_rate_and_says_how_good_it_is(
+    network, rendered
+):
+    figures = calibrate(network, rendered, [labels_of(*HANDS, index=7)])["tune"]
+    assert set(figures) == {"grasps", "positive", "auc", "ap", "ece", "iou"}
+    assert figures["grasps"] > 2
+    assert 0 <= figures["iou"] <= 1
+    assert not torch.equal(network.calibration, torch.tensor([1.0, 0.0]))
+    probabilities, labels = predict(network, GraspCache(rendered / "tune_grasps"))
+    assert probabilities.mean() == pytest.approx(labels.mean(), abs=0.02)
+
+
+def test_the_quality_stage_trains_the_detector_alone(network, tmp_path):
+    before = {k: v.clone() for k, v in network.state_dict().items()}
+    config = TrainConfig(
+        stage="quality", steps=2, scenes_per_step=2, grasps_per_scene=4
+    )
+    train_stage(network, config, tmp_path, [labels_of(*HANDS)])
+    changed = {
+        key for key, value in network.state_dict().items()
+        if not torch.equal(value, before[key])
+    }  # fmt: skip
+    assert changed
+    assert all(key.startswith("detector.") for key in changed)
+    assert (tmp_path / "quality" / "state.pt").is_file()
+    assert np.isfinite([p.detach().abs().max() for p in network.parameters()]).all()
