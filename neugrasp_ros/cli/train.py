@@ -19,7 +19,9 @@ def add_parser(
     parser.add_argument("--data", help="folders of training shards, comma separated")
     parser.add_argument("--tune", type=Path, help="folder of shards to calibrate on")
     parser.add_argument("--out", type=Path, default=Path("runs/train"))
-    parser.add_argument("--weights", type=Path, help="default: OUT/neugrasp.safetensors")
+    parser.add_argument(
+        "--weights", type=Path, help="default: OUT/neugrasp.safetensors"
+    )
     parser.add_argument("--network", default="cpu", choices=("cpu", "paper"))
     parser.add_argument(
         "--steps", help="steps of the stages, such as occupancy=3600,joint=600"
@@ -45,7 +47,9 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(figures, indent=1))
         return 0 if figures["learned"] else 1
     if not args.data or not args.tune:
-        raise ConfigError("train needs --data and --tune (`neugrasp datagen`), or --smoke")
+        raise ConfigError(
+            "train needs --data and --tune (`neugrasp datagen`), or --smoke"
+        )
     steps = dict(item.split("=") for item in (args.steps or "").split(",") if item)
     unknown = set(steps) - {stage.stage for stage in DEFAULT_STAGES}
     if unknown:

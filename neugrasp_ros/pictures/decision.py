@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One decision at a glance: what was seen, completed, proposed, chosen, and came of it."""
+"""One decision at a glance: seen, completed, proposed, chosen, and what came of it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,8 @@ from neugrasp_ros.pictures.scene_axes import (
 
 FloatArray = NDArray[np.float64]
 
-SHOWN_CANDIDATES = 120
+SHOWN_CANDIDATES = 70
+CLOSE_UP = 0.22  # [m], edge of the cube shown around what was found
 SHOWN_GRASPS = 12
 DPI = 110
 
@@ -109,11 +110,20 @@ def draw_decision(
         f"{len(decision.candidates)} candidates",
         f"{len(decision.grasps)} ranked grasps, best in bold",
     )
+    lower, edge = _close_up(decision)
     for axes, text in zip(panels, titles, strict=True):
-        frame_cube(axes, decision.lower, decision.edge, text)
+        frame_cube(axes, lower, edge, text)
     _draw_attempts(figure.add_subplot(grid[4]), attempts)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, bbox_inches="tight")
+
+
+def _close_up(decision: Decision) -> tuple[FloatArray, float]:
+    """Return corner and edge of a cube around the surface, or the whole workspace."""
+    if not len(decision.surface) or decision.edge <= CLOSE_UP:
+        return decision.lower, decision.edge
+    middle = (decision.surface.min(axis=0) + decision.surface.max(axis=0)) / 2
+    return middle - CLOSE_UP / 2, CLOSE_UP
 
 
 def _draw_depth(axes: Any, depth: NDArray[np.float32]) -> None:

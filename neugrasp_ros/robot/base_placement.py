@@ -105,7 +105,8 @@ def _rank(
     turns = np.arctan2(places[:, 1, 0], places[:, 0, 0])
     costs = np.hypot(places[:, 0, 3], places[:, 1, 3]) + TURN_COST * np.abs(turns)
     order = np.lexsort([costs, -counts])
-    return places[order[counts[order] > 0]]
+    found: FloatArray = places[order[counts[order] > 0]]
+    return found
 
 
 def _place(x: float, y: float, turn: float) -> FloatArray:
