@@ -128,7 +128,7 @@ class SimBridgeNode(Node):
         self.world = BridgeWorld(self._gripper, scenes, config.realtime_factor)
         self.world.spawn(config.kind, config.seed, config.count)
         self._rng = np.random.default_rng(config.seed)
-        self._counts = {"published": 0}
+        self._counts: dict[str, float] = {"published": 0}
         self._closed = threading.Event()
         self._create_topics()
         self._create_services()
@@ -250,7 +250,10 @@ class SimBridgeNode(Node):
             write_intrinsics(self._camera.intrinsics, camera.frame, stamp)
         )
         self._image.publish(write_depth(depth, camera.encoding, camera.frame, stamp))
-        self._counts["published"] += 1
+        self._counts = {
+            "published": self._counts["published"] + 1,
+            "newest_stamp": snapshot.time / 1e9,
+        }
         if self._labels.get_subscription_count():
             labels = self._camera.labels(snapshot)
             self._labels.publish(write_labels(labels, "mono16", camera.frame, stamp))

@@ -241,6 +241,11 @@ class DepthFusion:
         return changed
 
     @property
+    def newest(self) -> int:
+        """Stamp of the newest image that came, in [ns]."""
+        return self._newest
+
+    @property
     def revision(self) -> int:
         """Revision of the volume now."""
         return self._revision

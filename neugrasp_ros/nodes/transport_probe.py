@@ -73,17 +73,39 @@ def measure(seconds: float, start_timeout: float) -> dict[str, Any]:
         start = time.monotonic()
         threading.Event().wait(seconds)
         after, elapsed = _read(counter), time.monotonic() - start
+    return figures(before, after, elapsed)
+
+
+def figures(
+    before: dict[str, float], after: dict[str, float], elapsed: float
+) -> dict[str, Any]:
+    """Return rates and shares from what both nodes counted before and after.
+
+    The two nodes report at different moments, so what was published by the stamp of
+    the newest image received is interpolated; that is right to one image.
+
+    Args:
+        before: What ``_read`` gave at the start.
+        after: And at the end.
+        elapsed: Wall time between them in [s].
+    """
     published = after["published"] - before["published"]
+    rate = published / max(after["published_stamp"] - before["published_stamp"], 1e-9)
+
+    def published_by(reading: dict[str, float]) -> float:
+        ahead = reading["received_stamp"] - reading["published_stamp"]
+        return reading["published"] + ahead * rate
+
     received = after["received"] - before["received"]
+    sent = published_by(after) - published_by(before)
+    simulated = after["simulated"] - before["simulated"]
     return {
         "seconds": round(elapsed, 2),
         "published": int(published),
         "received": int(received),
         "published_hz": round(published / elapsed, 3),
-        "received_share": round(received / max(published, 1), 4),
-        "real_time_factor": round(
-            (after["simulated"] - before["simulated"]) / elapsed, 3
-        ),
+        "received_share": round(received / max(round(sent), 1), 4),
+        "real_time_factor": round(simulated / elapsed, 3),
         "image": "640x480 32FC1",
     }
 
@@ -91,6 +113,8 @@ def measure(seconds: float, start_timeout: float) -> dict[str, Any]:
 def _read(counter: Counter) -> dict[str, float]:
     return {
         "published": counter.number(CAMERA, "published"),
+        "published_stamp": counter.number(CAMERA, "newest_stamp"),
+        "received_stamp": counter.number(DEPTH, "newest_stamp"),
         "received": counter.number(DEPTH, "received"),
         "simulated": counter.number(PHYSICS, "simulated_seconds"),
     }

@@ -150,6 +150,7 @@ class TsdfFusionNode(Node):
     def _depth_status(self) -> Status:
         values: dict[str, object] = {
             **self.fusion.counts,
+            "newest_stamp": self.fusion.newest / 1e9,
             "revision": self.fusion.revision,
         }
         try:

@@ -1,59 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole pipeline in one process over real DDS; planner and robot in closed form."""
 
-import threading
-
 import numpy as np
 import pytest
 
 pytest.importorskip("neugrasp_msgs")
 
-from action_msgs.msg import GoalStatus  # noqa: E402
 from builtin_interfaces.msg import Duration  # noqa: E402
 from geometry_msgs.msg import PoseStamped, Vector3  # noqa: E402
-from neugrasp_msgs.action import DetectGrasps as DetectAction  # noqa: E402
 from neugrasp_msgs.msg import DetectionReport, GraspArray  # noqa: E402
 from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
-from nodes.camera_node import CameraNode, ClientNode  # noqa: E402
-from nodes.standin import make_side_checker, make_standin  # noqa: E402
-from rclpy.action import ActionClient  # noqa: E402
-from rclpy.executors import MultiThreadedExecutor  # noqa: E402
-
-from neugrasp_ros.nodes.composed import Suite  # noqa: E402
-from neugrasp_ros.nodes.runtime import SpinThread  # noqa: E402
-from neugrasp_ros.nodes.settings import WorkspaceConfig  # noqa: E402
+from nodes.bench import (  # noqa: E402
+    LEFT,
+    ORIGIN,
+    RIGHT,
+    Bench,
+    ask,
+    duration,
+    positions,
+)
 
 pytestmark = pytest.mark.ros
-
-ORIGIN = np.array(WorkspaceConfig().origin)
-LEFT, RIGHT = (0.15, 0.22, 0.07), (0.15, 0.08, 0.07)  # boxes in the task frame
-
-
-class Bench:
-    """Suite, camera and user of one module."""
-
-    def __init__(self) -> None:
-        self.executor = MultiThreadedExecutor(num_threads=12)
-        self.suite = Suite(self.executor, make_standin, make_side_checker)
-        self.camera = CameraNode()
-        self.camera.sends = set()
-        self.user = ClientNode()
-        self.action = ActionClient(self.user, DetectAction, "detect_grasps")
-        for node in (self.camera, self.user):
-            self.executor.add_node(node)
-        self._spinning = SpinThread(self.executor)
-
-    def stop(self) -> None:
-        self._spinning.stop()
-        self.suite.close()
-        self.camera.destroy_node()
-        self.action.destroy()
-        self.user.destroy_node()
-
-    def show(self, *boxes) -> None:
-        self.camera.scene.clear()
-        for box in boxes:
-            self.camera.scene.add_box(box)
 
 
 @pytest.fixture(scope="module")
@@ -68,15 +35,6 @@ def usual(bench):
     yield
     bench.camera.encoding, bench.camera.age = "32FC1", 0.0
     bench.camera.edit = lambda image: image
-
-
-def ask(bench, **fields):
-    return bench.user.ask(**({"seed": 1} | fields))
-
-
-def positions(response) -> np.ndarray:
-    poses = [g.pose.position for g in response.grasps.grasps]
-    return np.array([[p.x, p.y, p.z] for p in poses]).reshape(-1, 3)
 
 
 # The order of the first four tests is that of a start: each adds what the one before
@@ -139,6 +97,13 @@ def newest(bench, topic):
     return heard[-1] if heard else None
 
 
+def topics_agree(bench) -> bool:
+    """Return whether the last poses and the best one are those of the last array."""
+    poses = [grasp.pose for grasp in newest(bench, "grasps").grasps]
+    listed = list(newest(bench, "grasps/poses").poses)
+    return listed == poses and newest(bench, "grasps/best").pose == poses[0]
+
+
 def test_a_listener_who_never_calls_hears_of_a_change_within_three_seconds(
     bench, wait_until
 ):
@@ -159,9 +124,7 @@ def test_a_listener_who_never_calls_hears_of_a_change_within_three_seconds(
         ),
         seconds=3.0,
     )
-    array, poses = newest(bench, "grasps"), newest(bench, "grasps/poses")
-    assert [p for p in poses.poses] == [g.pose for g in array.grasps]
-    assert newest(bench, "grasps/best").pose == array.grasps[0].pose
+    wait_until(lambda: topics_agree(bench), seconds=3.0)
     assert len(newest(bench, "grasps/markers").markers) == 2
     bench.show()
     wait_until(lambda: not newest(bench, "grasps").grasps, seconds=3.0)
@@ -199,7 +162,7 @@ def test_after_an_execution_the_server_asks_for_a_fresh_view_by_itself(
     executed.publish(array)
     wait_until(
         lambda: (
-            ask(bench, timeout=_duration(0.2)).report.code
+            ask(bench, timeout=duration(0.2)).report.code
             in (DetectionReport.TIMEOUT, DetectionReport.STALE_DEPTH)
         )
     )
@@ -220,13 +183,6 @@ def test_the_two_nodes_share_one_encoder_pass(bench, wait_until):
     ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
     wait_until(lambda: len(newest(bench, "grasps").grasps) > 1)
     assert planner.encoder_passes == passes + 1
-
-
-def _duration(seconds: float) -> Duration:
-    return Duration(sec=int(seconds), nanosec=int(seconds % 1 * 1e9))
-
-
-# Bad input: each ends in its code and a sentence, and the next good request works.
 
 
 @pytest.mark.parametrize(
@@ -319,7 +275,7 @@ def test_images_that_do_not_fit_say_why_once_the_last_good_one_is_old(
 ):
     bench.camera.edit = edit
     report = ask(
-        bench, scene=DetectGrasps.Request.SCENE_FRESH, timeout=_duration(1.5)
+        bench, scene=DetectGrasps.Request.SCENE_FRESH, timeout=duration(1.5)
     ).report
     assert report.code == code and sentence in report.message
 
@@ -380,111 +336,3 @@ def test_another_answer_frame_needs_its_transform(bench):
     assert report.code == DetectionReport.TF_ERROR and "map <- base" in report.message
     there = ask(bench, frame_id="camera_optical")
     assert there.success and there.grasps.header.frame_id == "camera_optical"
-
-
-def test_two_clients_at_once_are_both_answered(bench):
-    bench.show(LEFT, RIGHT)
-    other = ClientNode()
-    bench.executor.add_node(other)
-    try:
-        futures = [
-            node.client.call_async(DetectGrasps.Request(seed=1))
-            for node in (bench.user, other, bench.user, other)
-            if node.client.wait_for_service(timeout_sec=10.0)
-        ]
-        answers = [_result(future) for future in futures]
-    finally:
-        bench.executor.remove_node(other)
-        other.destroy_node()
-    assert len(answers) == 4 and all(answer.success for answer in answers)
-
-
-def _result(future, seconds: float = 30.0):
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    assert done.wait(seconds), "no answer in time"
-    return future.result()
-
-
-class Slow:
-    """Makes scoring take a while, until told otherwise."""
-
-    def __init__(self, planner) -> None:
-        self.planner, self.usual = planner, planner.evaluate
-        self.go = threading.Event()
-        planner.evaluate = self.evaluate
-
-    def evaluate(self, *args, **kwargs):
-        self.go.wait(10.0)
-        return self.usual(*args, **kwargs)
-
-    def stop(self) -> None:
-        self.go.set()
-        self.planner.evaluate = self.usual
-
-
-@pytest.fixture
-def slow(bench):
-    slow = Slow(bench.suite._make_planner._made[1].planner)
-    yield slow
-    slow.stop()
-
-
-@pytest.fixture
-def action(bench):
-    assert bench.action.wait_for_server(timeout_sec=10.0)
-    return bench.action
-
-
-def test_the_action_gives_feedback_and_the_services_answer(bench, action):
-    bench.show(LEFT, RIGHT)
-    fresh = DetectGrasps.Request.SCENE_FRESH
-    answer = ask(bench, scene=fresh)
-    heard = []
-    goal = _result(
-        action.send_goal_async(
-            DetectAction.Goal(seed=1), lambda m: heard.append(m.feedback)
-        )
-    )
-    outcome = _result(goal.get_result_async())
-    assert outcome.status == GoalStatus.STATUS_SUCCEEDED
-    assert [g.pose for g in outcome.result.grasps.grasps] == [
-        g.pose for g in answer.grasps.grasps
-    ]
-    stages = [f.stage for f in heard]
-    assert "fusion" in stages and "reachability" in stages
-    assert heard[stages.index("reachability")].grasps_so_far > 0
-    assert [f.progress for f in heard] == sorted(f.progress for f in heard)
-
-
-def test_a_goal_can_be_canceled_and_a_second_one_is_rejected(bench, action, slow):
-    bench.show(LEFT, RIGHT)
-    goal = _result(action.send_goal_async(DetectAction.Goal(seed=1)))
-    assert goal.accepted
-    second = _result(action.send_goal_async(DetectAction.Goal()))
-    assert not second.accepted
-    _result(goal.cancel_goal_async())
-    slow.go.set()
-    outcome = _result(goal.get_result_async())
-    assert outcome.status == GoalStatus.STATUS_CANCELED
-    assert outcome.result.report.code == DetectionReport.CANCELED
-
-
-def test_a_request_that_runs_out_of_time_says_so(bench, slow):
-    bench.show(LEFT)
-    threading.Timer(0.6, slow.go.set).start()
-    report = ask(bench, timeout=_duration(0.3)).report
-    assert report.code == DetectionReport.TIMEOUT
-
-
-def test_a_bug_is_answered_as_internal_and_the_node_lives_on(bench):
-    planner = bench.suite._make_planner._made[1].planner
-    usual = planner.sample
-    planner.sample = lambda *_, **__: 1 / 0
-    bench.show(LEFT)
-    try:
-        report = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).report
-    finally:
-        planner.sample = usual
-    assert report.code == DetectionReport.INTERNAL and "grasp_server" in report.message
-    assert ask(bench).success

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The composed suite, a camera and a user, and how the user asks."""
+
+import threading
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from neugrasp_msgs.action import DetectGrasps as DetectAction
+from nodes.camera_node import CameraNode, ClientNode
+from nodes.standin import make_side_checker, make_standin
+from rclpy.action import ActionClient
+from rclpy.executors import MultiThreadedExecutor
+
+from neugrasp_ros.nodes.composed import Suite
+from neugrasp_ros.nodes.runtime import SpinThread
+from neugrasp_ros.nodes.settings import WorkspaceConfig
+
+ORIGIN = np.array(WorkspaceConfig().origin)
+LEFT, RIGHT = (0.15, 0.22, 0.07), (0.15, 0.08, 0.07)  # boxes in the task frame
+
+
+class Bench:
+    """Suite, camera and user of one module."""
+
+    def __init__(self) -> None:
+        self.executor = MultiThreadedExecutor(num_threads=12)
+        self.suite = Suite(self.executor, make_standin, make_side_checker)
+        self.camera = CameraNode()
+        self.camera.sends = set()
+        self.user = ClientNode()
+        self.action = ActionClient(self.user, DetectAction, "detect_grasps")
+        for node in (self.camera, self.user):
+            self.executor.add_node(node)
+        self._spinning = SpinThread(self.executor)
+
+    def stop(self) -> None:
+        self._spinning.stop()
+        self.suite.close()
+        self.camera.destroy_node()
+        self.action.destroy()
+        self.user.destroy_node()
+
+    def start(self) -> None:
+        """Load everything and let the camera see both boxes."""
+        self.suite.load()
+        self.camera.sends = {"depth", "info"}
+        self.camera.send_tf()
+        self.show(LEFT, RIGHT)
+
+    def show(self, *boxes) -> None:
+        self.camera.scene.clear()
+        for box in boxes:
+            self.camera.scene.add_box(box)
+
+
+def ask(bench, **fields):
+    return bench.user.ask(**({"seed": 1} | fields))
+
+
+def positions(response) -> np.ndarray:
+    poses = [g.pose.position for g in response.grasps.grasps]
+    return np.array([[p.x, p.y, p.z] for p in poses]).reshape(-1, 3)
+
+
+def duration(seconds: float) -> Duration:
+    return Duration(sec=int(seconds), nanosec=int(seconds % 1 * 1e9))
+
+
+# Bad input: each ends in its code and a sentence, and the next good request works.
+
+
+def result(future, seconds: float = 30.0):
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(seconds), "no answer in time"
+    return future.result()

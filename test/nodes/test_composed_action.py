@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Requests that meet each other, take long, are cancelled, or hit a bug."""
+
+import threading
+
+import pytest
+
+pytest.importorskip("neugrasp_msgs")
+
+from action_msgs.msg import GoalStatus  # noqa: E402
+from neugrasp_msgs.action import DetectGrasps as DetectAction  # noqa: E402
+from neugrasp_msgs.msg import DetectionReport  # noqa: E402
+from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
+from nodes.bench import LEFT, RIGHT, Bench, ask, duration, result  # noqa: E402
+from nodes.camera_node import ClientNode  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope="module")
+def bench(ros):
+    bench = Bench()
+    bench.start()
+    yield bench
+    bench.stop()
+
+
+@pytest.fixture(autouse=True)
+def ready(bench, wait_until):
+    wait_until(lambda: ask(bench).success, 30.0)
+
+
+def test_two_clients_at_once_are_both_answered(bench):
+    bench.show(LEFT, RIGHT)
+    other = ClientNode()
+    bench.executor.add_node(other)
+    try:
+        futures = [
+            node.client.call_async(DetectGrasps.Request(seed=1))
+            for node in (bench.user, other, bench.user, other)
+            if node.client.wait_for_service(timeout_sec=10.0)
+        ]
+        answers = [result(future) for future in futures]
+    finally:
+        bench.executor.remove_node(other)
+        other.destroy_node()
+    assert len(answers) == 4 and all(answer.success for answer in answers)
+
+
+class Slow:
+    """Makes scoring take a while, until told otherwise."""
+
+    def __init__(self, planner) -> None:
+        self.planner, self.usual = planner, planner.evaluate
+        self.go = threading.Event()
+        planner.evaluate = self.evaluate
+
+    def evaluate(self, *args, **kwargs):
+        self.go.wait(10.0)
+        return self.usual(*args, **kwargs)
+
+    def stop(self) -> None:
+        self.go.set()
+        self.planner.evaluate = self.usual
+
+
+@pytest.fixture
+def slow(bench):
+    slow = Slow(bench.suite._make_planner._made[1].planner)
+    yield slow
+    slow.stop()
+
+
+@pytest.fixture
+def action(bench):
+    assert bench.action.wait_for_server(timeout_sec=10.0)
+    return bench.action
+
+
+def test_the_action_gives_feedback_and_the_services_answer(bench, action):
+    bench.show(LEFT, RIGHT)
+    fresh = DetectGrasps.Request.SCENE_FRESH
+    answer = ask(bench, scene=fresh)
+    heard = []
+    goal = result(
+        action.send_goal_async(
+            DetectAction.Goal(seed=1), lambda m: heard.append(m.feedback)
+        )
+    )
+    outcome = result(goal.get_result_async())
+    assert outcome.status == GoalStatus.STATUS_SUCCEEDED
+    assert [g.pose for g in outcome.result.grasps.grasps] == [
+        g.pose for g in answer.grasps.grasps
+    ]
+    stages = [f.stage for f in heard]
+    assert "fusion" in stages and "reachability" in stages
+    assert heard[stages.index("reachability")].grasps_so_far > 0
+    assert [f.progress for f in heard] == sorted(f.progress for f in heard)
+
+
+def test_a_goal_can_be_canceled_and_a_second_one_is_rejected(bench, action, slow):
+    bench.show(LEFT, RIGHT)
+    goal = result(action.send_goal_async(DetectAction.Goal(seed=1)))
+    assert goal.accepted
+    second = result(action.send_goal_async(DetectAction.Goal()))
+    assert not second.accepted
+    result(goal.cancel_goal_async())
+    slow.go.set()
+    outcome = result(goal.get_result_async())
+    assert outcome.status == GoalStatus.STATUS_CANCELED
+    assert outcome.result.report.code == DetectionReport.CANCELED
+
+
+def test_a_request_that_runs_out_of_time_says_so(bench, slow):
+    bench.show(LEFT)
+    threading.Timer(0.6, slow.go.set).start()
+    report = ask(bench, timeout=duration(0.3)).report
+    assert report.code == DetectionReport.TIMEOUT
+
+
+def test_a_bug_is_answered_as_internal_and_the_node_lives_on(bench):
+    planner = bench.suite._make_planner._made[1].planner
+    usual = planner.sample
+    planner.sample = lambda *_, **__: 1 / 0
+    bench.show(LEFT)
+    try:
+        report = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).report
+    finally:
+        planner.sample = usual
+    assert report.code == DetectionReport.INTERNAL and "grasp_server" in report.message
+    assert ask(bench).success
