@@ -15,6 +15,8 @@ from neugrasp_ros.robot.bodies import Hulls, JointTree, body_poses
 from neugrasp_ros.robot.gjk import closer_than, still_apart
 from neugrasp_ros.robot.obstacles import CELL, Obstacles
 
+CELL_RADIUS = CELL * 0.8661  # [m]; from the middle of a cell to its corners
+
 FREE, SELF, SCENE, HAND = 0, 1, 2, 3
 """Contact of nothing, of two links, of a link with the scene, of the hand with it."""
 
@@ -246,6 +248,22 @@ def _cells_along(world, g, margin, center, axes, i):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, error_model="numpy")
+def _cell_hits(world, g, margin, posed, held, cell):  # type: ignore[no-untyped-def]
+    """Return whether a point of one cell lies in hull ``g``, as ``_hits_point``."""
+    hulls, obstacles = world.hulls, world.obstacles
+    rotation, position, center, axes = posed
+    for k in range(obstacles.starts[cell], obstacles.starts[cell + 1]):
+        point = obstacles.points[k]
+        if _outside_box(hulls.halves[g], center, axes, point, margin):
+            continue
+        if held[3] > 0.0 and _within(_gap(point, held), held[3]):
+            continue
+        if point_in_hull(hulls, g, (rotation, position), point, margin):
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
     """Return whether an obstacle point lies in hull ``g`` grown by the margin.
 
@@ -257,26 +275,24 @@ def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
         held: Ball of points to pass over: centre x, y, z and radius in [m]; none if
             that is not positive.
     """
-    hulls, obstacles = world.hulls, world.obstacles
-    rotation, position, center, axes = posed
+    obstacles = world.obstacles
+    _, _, center, axes = posed
     i_low, i_high = _cells_along(world, g, margin, center, axes, 0)
     j_low, j_high = _cells_along(world, g, margin, center, axes, 1)
     k_low, k_high = _cells_along(world, g, margin, center, axes, 2)
-    if k_high < k_low:
-        return False
+    origin, halves = obstacles.origin, world.hulls.halves[g]
     for i in range(i_low, i_high + 1):
+        x = origin[0] + (i + 0.5) * CELL
         for j in range(j_low, j_high + 1):
-            row = (i * obstacles.cells[1] + j) * obstacles.cells[2]
-            # cells along z follow each other, and so do their points
-            start = obstacles.starts[row + k_low]
-            stop = obstacles.starts[row + k_high + 1]
-            for k in range(start, stop):
-                point = obstacles.points[k]
-                if _outside_box(hulls.halves[g], center, axes, point, margin):
+            y = origin[1] + (j + 0.5) * CELL
+            for k in range(k_low, k_high + 1):
+                cell = (i * obstacles.cells[1] + j) * obstacles.cells[2] + k
+                if obstacles.starts[cell] == obstacles.starts[cell + 1]:
                     continue
-                if held[3] > 0.0 and _within(_gap(point, held), held[3]):
+                middle = (x, y, origin[2] + (k + 0.5) * CELL)
+                if _outside_box(halves, center, axes, middle, margin + CELL_RADIUS):
                     continue
-                if point_in_hull(hulls, g, (rotation, position), point, margin):
+                if _cell_hits(world, g, margin, posed, held, cell):
                     return True
     return False
 
