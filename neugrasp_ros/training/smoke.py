@@ -29,7 +29,7 @@ SMALL_NETWORK = NetworkConfig(
 )
 STAGES = (
     TrainConfig(
-        stage="occupancy", steps=150, scenes_per_step=4, points_per_scene=1024,
+        stage="occupancy", steps=300, scenes_per_step=4, points_per_scene=1024,
         learning_rate=3e-3,
     ),
     TrainConfig(stage="quality", steps=80, scenes_per_step=4, grasps_per_scene=16),
