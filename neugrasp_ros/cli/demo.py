@@ -34,7 +34,7 @@ def add_parser(
 
 def run(args: argparse.Namespace) -> int:
     """Start the suite, clear the table, print the attempts; 0 if one lifted."""
-    from neugrasp_ros.model import default_weights
+    from neugrasp_ros.model import default_weights, file_sha256
 
     if not default_weights().is_file():
         print(f"there are no trained weights at {default_weights()} yet: no demo")
@@ -57,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
         finally:
             _stop(suite)
     if args.json:
+        result["weights_sha256"] = file_sha256(default_weights())
+        result["command"] = f"neugrasp demo --seed {args.seed} --scene {args.scene}"
         args.json.parent.mkdir(parents=True, exist_ok=True)
         args.json.write_text(json.dumps(result, indent=1) + "\n")
     print(f"log of the suite: {log_path}")
