@@ -188,25 +188,19 @@ def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _hits_box(world, g, margin, buffers):  # type: ignore[no-untyped-def]
-    """Return whether hull ``g`` is closer than the margin to a solid box."""
+def _hits_box(world, g, k, margin, buffers):  # type: ignore[no-untyped-def]
+    """Return whether hull ``g`` is closer than the margin to solid box ``k``."""
     hulls, solid = world.hulls, world.obstacles.boxes
     rotations, positions, centers, axes, _, _, scratch = buffers
-    base, split = rotations.shape[0] - 1, scratch[3]
-    for k in range(solid.radii.shape[0]):
-        d = _gap(centers[g], solid.centers[k])
-        reach = hulls.radii[g] + solid.radii[k] + margin
-        if not _within(d, reach):
-            continue
-        mine, other = (axes[g], hulls.halves[g]), (solid.axes[k], solid.halves[k])
-        if _boxes_apart(d, mine, other, margin, scratch):
-            continue
-        first = _hull(hulls, rotations, positions, g)
-        corners = solid.vertices[solid.vertex_starts[k] : solid.vertex_starts[k + 1]]
-        second = (corners, rotations[base], positions[base])
-        if closer_than(first, second, margin, d, split):
-            return True
-    return False
+    d = _gap(centers[g], solid.centers[k])
+    mine, other = (axes[g], hulls.halves[g]), (solid.axes[k], solid.halves[k])
+    if _boxes_apart(d, mine, other, margin, scratch):
+        return False
+    base = rotations.shape[0] - 1
+    corners = solid.vertices[solid.vertex_starts[k] : solid.vertex_starts[k + 1]]
+    second = (corners, rotations[base], positions[base])
+    first = _hull(hulls, rotations, positions, g)
+    return closer_than(first, second, margin, d, scratch[3])
 
 
 @njit(cache=True, error_model="numpy")
@@ -226,7 +220,7 @@ def point_in_hull(hulls, g, pose, point, margin):  # type: ignore[no-untyped-def
 
 @njit(cache=True, error_model="numpy")
 def _outside_box(halves, center, axes, point, margin):  # type: ignore[no-untyped-def]
-    """Return whether a point lies outside a box that grows by the margin."""
+    """Return whether a point lies outside a box grown by the margin."""
     d = _gap(point, center)
     for j in range(3):
         along = d[0] * axes[0, j] + d[1] * axes[1, j] + d[2] * axes[2, j]
@@ -236,15 +230,17 @@ def _outside_box(halves, center, axes, point, margin):  # type: ignore[no-untype
 
 
 @njit(cache=True, error_model="numpy")
-def _cells_along(world, g, margin, center, axes, i):  # type: ignore[no-untyped-def]
-    """Return the first and last cell, along axis ``i``, that hull ``g`` can reach."""
-    hulls, obstacles = world.hulls, world.obstacles
+def _cells_along(corner, axis, halves, margin, cells):  # type: ignore[no-untyped-def]
+    """Return the first and last cell, of ``cells`` along one axis, that a box reaches.
+
+    ``corner`` is its centre from the cells' corner in [m], ``axis`` how much of each
+    of its own axes points along that axis, shape (3,).
+    """
     reach = margin
     for j in range(3):
-        reach += abs(axes[i, j]) * hulls.halves[g, j]
-    corner = center[i] - obstacles.origin[i]
+        reach += abs(axis[j]) * halves[j]
     low = max(0, int(np.floor((corner - reach) / CELL)))
-    return low, min(obstacles.cells[i] - 1, int(np.floor((corner + reach) / CELL)))
+    return low, min(cells - 1, int(np.floor((corner + reach) / CELL)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -272,21 +268,21 @@ def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
         g: The hull.
         margin: In [m].
         posed: Rotation and position of its body, centre and axes of its box.
-        held: Ball of points to pass over: centre x, y, z and radius in [m]; none if
-            that is not positive.
+        held: Ball of points to pass over, centre and radius in [m]; 0 = none.
     """
     obstacles = world.obstacles
     _, _, center, axes = posed
-    i_low, i_high = _cells_along(world, g, margin, center, axes, 0)
-    j_low, j_high = _cells_along(world, g, margin, center, axes, 1)
-    k_low, k_high = _cells_along(world, g, margin, center, axes, 2)
-    origin, halves = obstacles.origin, world.hulls.halves[g]
+    origin, halves, n = obstacles.origin, world.hulls.halves[g], obstacles.cells
+    d = _gap(center, origin)
+    i_low, i_high = _cells_along(d[0], axes[0], halves, margin, n[0])
+    j_low, j_high = _cells_along(d[1], axes[1], halves, margin, n[1])
+    k_low, k_high = _cells_along(d[2], axes[2], halves, margin, n[2])
     for i in range(i_low, i_high + 1):
         x = origin[0] + (i + 0.5) * CELL
         for j in range(j_low, j_high + 1):
             y = origin[1] + (j + 0.5) * CELL
             for k in range(k_low, k_high + 1):
-                cell = (i * obstacles.cells[1] + j) * obstacles.cells[2] + k
+                cell = (i * n[1] + j) * n[2] + k
                 if obstacles.starts[cell] == obstacles.starts[cell + 1]:
                     continue
                 middle = (x, y, origin[2] + (k + 0.5) * CELL)
@@ -295,6 +291,46 @@ def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
                 if _cell_hits(world, g, margin, posed, held, cell):
                     return True
     return False
+
+
+@njit(cache=True, error_model="numpy")
+def _near_points(center, reach, origin, cells):  # type: ignore[no-untyped-def]
+    """Return whether a ball touches the block of cells that holds all points."""
+    for i in range(3):
+        corner = center[i] - origin[i]
+        if corner + reach < 0.0 or corner - reach > cells[i] * CELL:
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _first_in_scene(world, scope, held, buffers):  # type: ignore[no-untyped-def]
+    """Return the number of the first mover that touches an obstacle, or -1."""
+    # balls come first: a call that takes the whole world costs more than they do
+    rotations, positions, centers, axes, _, _, _ = buffers
+    hulls, obstacles = world.hulls, world.obstacles
+    boxes, some_points = obstacles.boxes, obstacles.points.shape[0] > 0
+    nothing = (0.0, 0.0, 0.0, -1.0)
+    ball = (held[0], held[1], held[2], held[3])
+    for k in range(scope.movers.shape[0]):
+        g, margin = scope.movers[k], scope.padding[k]
+        for n in range(boxes.radii.shape[0]):
+            reach = hulls.radii[g] + boxes.radii[n] + margin
+            if _within(_gap(centers[g], boxes.centers[n]), reach):
+                if _hits_box(world, g, n, margin, buffers):
+                    return k
+        if not scope.hand[k]:
+            margin += obstacles.reach
+        reach = hulls.radii[g] + margin
+        if some_points and _near_points(
+            centers[g], reach, obstacles.origin, obstacles.cells
+        ):
+            body = hulls.bodies[g] if hulls.bodies[g] >= 0 else rotations.shape[0] - 1
+            posed = (rotations[body], positions[body], centers[g], axes[g])
+            passed = ball if scope.hand[k] else nothing
+            if _hits_point(world, g, margin, posed, passed):
+                return k
+    return -1
 
 
 @njit(cache=True, error_model="numpy")
@@ -309,33 +345,18 @@ def contact(world, scope, q, held, buffers):  # type: ignore[no-untyped-def]
         buffers: Scratch from ``make_buffers``.
 
     Returns:
-        ``FREE``, ``SELF`` with the pair's number, ``SCENE`` or ``HAND`` with the
-        hull's.
+        ``FREE``, ``SELF`` with the pair, ``SCENE`` or ``HAND`` with the hull.
     """
-    rotations, positions, centers, axes, balls, _, scratch = buffers
-    hulls = world.hulls
+    rotations, positions, centers, axes, balls, _, _ = buffers
     body_poses(world.tree, q, rotations, positions)
-    _place(hulls, rotations, positions, centers, axes)
+    _place(world.hulls, rotations, positions, centers, axes)
     _place_balls(world, rotations, positions, balls)
     pair = _first_pair(world, scope, buffers)
     if pair >= 0:
         return SELF, pair
-    nothing = (0.0, 0.0, 0.0, -1.0)
-    ball = (held[0], held[1], held[2], held[3])
-    for k in range(scope.movers.shape[0]):
-        g = scope.movers[k]
-        code = HAND if scope.hand[k] else SCENE
-        if _hits_box(world, g, scope.padding[k], buffers):
-            return code, g
-        if world.obstacles.points.shape[0] == 0:
-            continue
-        margin = scope.padding[k]
-        if not scope.hand[k]:
-            margin += world.obstacles.reach
-        body = hulls.bodies[g] if hulls.bodies[g] >= 0 else q.shape[0]
-        posed = (rotations[body], positions[body], centers[g], axes[g])
-        if _hits_point(world, g, margin, posed, ball if scope.hand[k] else nothing):
-            return code, g
+    g = _first_in_scene(world, scope, held, buffers)
+    if g >= 0:
+        return (HAND if scope.hand[g] else SCENE), scope.movers[g]
     return FREE, -1
 
 
