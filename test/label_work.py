@@ -7,6 +7,7 @@ import numpy as np
 
 from neugrasp_ros.datagen.labels import GraspLabels, SceneLabels
 from neugrasp_ros.errors import SimulationError
+from neugrasp_ros.geometry.gripper import load_gripper
 from sim_bridge.scene import PlacedObject, Scene
 
 
@@ -45,8 +46,9 @@ def labels_of(index, n_grasps=4, kind="pile"):
         shake_held=np.full(n_grasps, -1, dtype=np.int8),
         object_ids=np.zeros(n_grasps, dtype=np.int8),
         sources=np.zeros(n_grasps, dtype=np.uint8),
+        affordances=rng.integers(2, size=(n_grasps, 7)).astype(np.uint8),
     )
-    return SceneLabels(index, Scene(kind, 5, (placed,)), "panda", grasps)
+    return SceneLabels(index, Scene(kind, 5, (placed,)), load_gripper("panda"), grasps)
 
 
 def label_or_fail(job):

@@ -7,6 +7,7 @@ import numpy as np
 from field_shapes import hand_at
 
 from neugrasp_ros.datagen.labels import GraspLabels, SceneLabels
+from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.geometry.transform import to_position_quaternion, translation
 from sim_bridge.objects.registry import object_set
 from sim_bridge.scene import PlacedObject, Scene
@@ -28,8 +29,9 @@ def labels_of(*poses: np.ndarray, index: int = 0) -> SceneLabels:
         "openings": np.full(n, 0.08, dtype=np.float32),
         "labels": (np.arange(n) % 2).astype(np.uint8),
         "tried": np.ones(n, dtype=bool),
+        "affordances": np.zeros((n, 7), dtype=np.uint8),
     }
     name = object_set("procedural").names[0]
     placed = PlacedObject("procedural", name, 1.0, translation(*CENTER))
     scene = Scene("packed", 0, (placed,))
-    return SceneLabels(index, scene, "panda", GraspLabels(**values))
+    return SceneLabels(index, scene, load_gripper("panda"), GraspLabels(**values))

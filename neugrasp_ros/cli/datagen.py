@@ -20,7 +20,9 @@ def add_parser(
     parser.add_argument(
         "--kind", default="mixed", choices=("pile", "packed", "egad", "mixed")
     )
-    parser.add_argument("--gripper", default="both", help="name, YAML file, or both")
+    parser.add_argument(
+        "--gripper", default="mixed", help="name, YAML file, varied, or mixed"
+    )
     parser.add_argument("--scenes", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--split", default="train", choices=("train", "tune", "val"))

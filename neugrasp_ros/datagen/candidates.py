@@ -46,6 +46,8 @@ class CandidateConfig:
         offset: The same of its translation in [m].
         contact_angle: Greatest angle between two contacts' normals in [rad].
         pregrasp_distance: Length of the approach in [m].
+        half_open_share: Of grasps that approach with jaws less than fully open.
+        least_opening: How far those are open at least, as a share of the full opening.
     """
 
     n_trials: int = 30
@@ -59,6 +61,8 @@ class CandidateConfig:
     offset: float = 0.009
     contact_angle: float = 0.9
     pregrasp_distance: float = 0.05
+    half_open_share: float = 0.25
+    least_opening: float = 0.4
 
 
 class Candidates(NamedTuple):
@@ -66,11 +70,13 @@ class Candidates(NamedTuple):
 
     Attributes:
         poses: ``T_task_gripper``, shape (G, 4, 4).
+        openings: Jaw opening on approach in [m], shape (G,).
         sources: Index into ``SOURCES``, shape (G,).
         blocked: True where the pre-grasp collides by geometry, shape (G,).
     """
 
     poses: FloatArray
+    openings: FloatArray
     sources: NDArray[np.uint8]
     blocked: BoolArray
 
@@ -91,7 +97,7 @@ def draw_candidates(
 
     Args:
         meshes: The scene's objects, without the table.
-        gripper: The hand, used fully open.
+        gripper: The hand.
         support_height: Height of the table top in the task frame in [m].
         config: Numbers and kinds.
         rng: Source of randomness.
@@ -108,24 +114,27 @@ def draw_candidates(
     pairs = _random_antipodal(cloud, gripper, config, rng)
     seeds = np.concatenate([good, pairs])
     pools = (good, pairs, _jittered(seeds, config, rng), _near_misses(seeds, rng))
-    picked = [np.zeros((0, 4, 4))]
+    picked, opened = [np.zeros((0, 4, 4))], [np.zeros(0)]
     sources = [np.zeros(0, dtype=np.uint8)]
     blocked = [np.zeros(0, dtype=bool)]
     for source, pool in enumerate(pools):
         pool = pool[_is_sensible(pool, gripper, support_height, config)]
         pool = pool[rng.permutation(len(pool))[: 20 * config.n_trials]]
-        is_blocked = ~_pregrasp_is_free(pool, points, gripper, config)
+        openings = _draw_openings(len(pool), gripper, config, rng)
+        is_blocked = ~_pregrasp_is_free(pool, openings, points, gripper, config)
         for wanted in (False, True):
             number = config.n_collisions if wanted else config.n_trials
             rows = np.flatnonzero(is_blocked == wanted)
             count = number * config.shares[source]
             rows = _pick(pool, rows, _round(count, rng), config.side_share)
             picked.append(pool[rows])
+            opened.append(openings[rows])
             sources.append(np.full(len(rows), source, dtype=np.uint8))
             blocked.append(np.full(len(rows), wanted))
     order = rng.permutation(sum(len(p) for p in picked))
     return Candidates(
         canonical_gripper(np.concatenate(picked)[order]),
+        np.concatenate(opened)[order],
         np.concatenate(sources)[order],
         np.concatenate(blocked)[order],
     )
@@ -154,12 +163,23 @@ def _is_sensible(
     return np.asarray((height > -config.table_overlap) & from_above)
 
 
+def _draw_openings(
+    count: int, gripper: Gripper, config: CandidateConfig, rng: np.random.Generator
+) -> FloatArray:
+    shares = rng.uniform(config.least_opening, 1.0, size=count)
+    is_full = rng.random(count) >= config.half_open_share
+    return gripper.max_opening * np.where(is_full, 1.0, shares)
+
+
 def _pregrasp_is_free(
-    poses: FloatArray, points: FloatArray, gripper: Gripper, config: CandidateConfig
+    poses: FloatArray,
+    openings: FloatArray,
+    points: FloatArray,
+    gripper: Gripper,
+    config: CandidateConfig,
 ) -> BoolArray:
     pregrasps = poses.copy()
     pregrasps[:, :3, 3] -= config.pregrasp_distance * poses[:, :3, 2]
-    openings = np.full(len(poses), gripper.max_opening)
     return approach_is_free(
         pregrasps, openings, points, gripper, inflation=0.001, retreat=0.0
     )

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from neugrasp_ros.datagen.candidates import CandidateConfig
-from neugrasp_ros.datagen.labels import SceneJob
+from neugrasp_ros.datagen.labels import VARIED, SceneJob
 from neugrasp_ros.errors import ConfigError
 
-GRIPPER_SHARES = {"panda": 0.7, "robotiq_2f85": 0.3}
+GRIPPER_SHARES = {"panda": 0.45, "robotiq_2f85": 0.3, VARIED: 0.25}
 KIND_SHARES = {"pile": 0.6, "packed": 0.4}
 STEPS = (
     0.7548776662466927,
@@ -28,7 +28,8 @@ class RunPlan:
         objects: Object sets, by name or folder. ``pile:NAME`` or ``packed:NAME`` uses
             a set in scenes of that kind only.
         kind: ``pile``, ``packed``, ``egad``, or ``mixed`` (``KIND_SHARES``).
-        gripper: A name, a YAML file, or ``both`` (``GRIPPER_SHARES``).
+        gripper: A name, a YAML file, ``varied`` (drawn anew for every scene), or
+            ``mixed`` (``GRIPPER_SHARES``).
         n_scenes: How many scenes.
         seed: Seed of the run.
         split: Part of the object sets: ``train``, ``tune`` or ``val``.
@@ -63,7 +64,7 @@ class RunPlan:
 
     def grippers(self) -> dict[str, float]:
         """Return the grippers of the run with their shares."""
-        return GRIPPER_SHARES if self.gripper == "both" else {self.gripper: 1.0}
+        return GRIPPER_SHARES if self.gripper == "mixed" else {self.gripper: 1.0}
 
     def sets_for(self, kind: str) -> tuple[str, ...]:
         """Return the object sets that scenes of a kind draw from."""

@@ -18,12 +18,13 @@ from neugrasp_ros.datagen.candidates import (
     is_side,
 )
 from neugrasp_ros.errors import ShapeError, SimulationError
-from neugrasp_ros.geometry.gripper import Gripper, load_gripper
+from neugrasp_ros.geometry.gripper import Gripper, load_gripper, varied_gripper
 from neugrasp_ros.geometry.raycast import MeshScene
 from neugrasp_ros.geometry.transform import pose_from, to_position_quaternion
 from sim_bridge.gripper import SimGripper
+from sim_bridge.objects.grasp_labels import label_grasps
 from sim_bridge.objects.registry import ObjectSet, object_set, split
-from sim_bridge.scene import Scene, scene_meshes
+from sim_bridge.scene import Scene, placed_model, scene_meshes
 from sim_bridge.scenes import build_scene
 from sim_bridge.trial import collision_label, run_trials, trial_config
 from sim_bridge.trial_result import FAILURES
@@ -33,6 +34,7 @@ FloatArray = NDArray[np.float64]
 
 REASONS = ("success", *FAILURES)
 UNKNOWN = -1  # of ``shake_held``
+VARIED = "varied"  # gripper of a job: drawn for the scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +47,7 @@ class SceneJob:
         kind: Scene kind.
         objects: Object set, by name or folder.
         split: Which part of the set to draw from.
-        gripper: Gripper, by name or file.
+        gripper: Gripper, by name or file, or ``VARIED``.
         preset: Trial preset of ``sim_bridge.trial``.
         candidates: Numbers and kinds of grasps.
     """
@@ -88,6 +90,8 @@ class GraspLabels:
         shake_held: 1 = stayed through a shake, 0 = did not, -1 = not tried, (G,).
         object_ids: Index of the object that was lifted; -1 = none, shape (G,).
         sources: Index into ``candidates.SOURCES``, shape (G,).
+        affordances: 1 = the grasp affords the class of ``AFFORDANCES``, shape (G, 7).
+            Where nothing was lifted, it says what lies between the jaws.
     """
 
     positions: NDArray[np.float32]
@@ -105,6 +109,7 @@ class GraspLabels:
     shake_held: NDArray[np.int8]
     object_ids: NDArray[np.int8]
     sources: NDArray[np.uint8]
+    affordances: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
         """Check that all arrays have one row per grasp.
@@ -139,13 +144,13 @@ class SceneLabels:
     Attributes:
         index: Number of the scene in its run.
         scene: The recipe; its objects are where they were before each trial.
-        gripper: Name of the gripper.
+        gripper: The gripper.
         grasps: The labelled grasps.
     """
 
     index: int
     scene: Scene
-    gripper: str
+    gripper: Gripper
     grasps: GraspLabels
 
 
@@ -165,37 +170,48 @@ def label_scene(
     rng = np.random.default_rng([job.seed, job.index])
     objects = (sets or {}).get(job.objects) or object_set(job.objects)
     names = split(objects.names, job.split)
-    gripper = load_gripper(job.gripper)
-    with World(solver_iterations=FAST_ITERATIONS, sleeping=True) as world:
+    varied = job.gripper == VARIED
+    gripper = varied_gripper(rng) if varied else load_gripper(job.gripper)
+    with World(
+        solver_iterations=FAST_ITERATIONS, sleeping=True, rigid_objects=True
+    ) as world:
         scene = build_scene(
             world, job.kind, objects, names, rng, count=None, seed=job.seed
         )
         if not scene.objects:
             raise SimulationError(f"{job.describe()}: no object stayed on the table")
-        meshes = MeshScene(*scene_meshes(scene, {objects.name: objects}))
+        known = {objects.name: objects}
+        meshes = MeshScene(*scene_meshes(scene, known))
         drawn = draw_candidates(meshes, gripper, TABLE_HEIGHT, job.candidates, rng)
-        grasps = _try_all(world, gripper, drawn, job)
-    return SceneLabels(job.index, scene, gripper.name, grasps)
+        columns = _try_all(world, gripper, drawn, job)
+    columns["affordances"] = label_grasps(
+        [placed_model(placed, known) for placed in scene.objects],
+        [placed.T_task_object for placed in scene.objects],
+        drawn.poses,
+        drawn.openings,
+        rng,
+    ).astype(np.uint8)
+    return SceneLabels(job.index, scene, gripper, GraspLabels(**columns))
 
 
 def _try_all(
     world: World, gripper: Gripper, drawn: Candidates, job: SceneJob
-) -> GraspLabels:
+) -> dict[str, NDArray[Any]]:
     hand = SimGripper(world, gripper)
-    opening = gripper.max_opening
     distance = job.candidates.pregrasp_distance
+    grasps = list(zip(drawn.poses, drawn.openings.tolist(), strict=True))
     with world.saved_state() as state:
-        hits = [collision_label(hand, p, opening, distance) for p in drawn.poses]
+        hits = [collision_label(hand, *grasp, distance) for grasp in grasps]
         world.restore(state)
         hand.park()
     hits_array = np.array(hits, dtype=bool).reshape(-1, 3)
     tried = ~(drawn.blocked & hits_array[:, 0])
-    columns = _blank_columns(drawn, opening, hits_array, tried)
+    columns = _blank_columns(drawn, hits_array, tried)
     rows = np.flatnonzero(tried)
     trials = run_trials(
         world,
         hand,
-        ((drawn.poses[i], opening) for i in rows),
+        (grasps[i] for i in rows),
         trial_config(job.preset),
     )
     owners = {body: i for i, body in enumerate(world.object_ids)}
@@ -208,12 +224,11 @@ def _try_all(
         columns["object_ids"][row] = owners.get(result.object_body, -1)
         if result.shake_held is not None:
             columns["shake_held"][row] = result.shake_held
-    return GraspLabels(**columns)
+    return columns
 
 
 def _blank_columns(
     drawn: Candidates,
-    opening: float,
     hits: NDArray[np.bool_],
     tried: NDArray[np.bool_],
 ) -> dict[str, NDArray[Any]]:
@@ -223,7 +238,7 @@ def _blank_columns(
     return {
         "positions": positions.astype(np.float32),
         "quaternions": quaternions.astype(np.float32),
-        "openings": np.full(n, opening, dtype=np.float32),
+        "openings": drawn.openings.astype(np.float32),
         "widths": np.full(n, np.nan, dtype=np.float32),
         "stop_depths": np.full(n, np.nan, dtype=np.float32),
         "labels": np.zeros(n, dtype=np.uint8),

@@ -6,11 +6,12 @@ lies where; views, distance volumes, occupancies and local surfaces are made aga
 that. A shard appears whole or not at all: it is written beside its place and renamed.
 """
 
+import json
 import os
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.datagen.labels import GraspLabels, SceneLabels
 from neugrasp_ros.errors import ShardError
+from neugrasp_ros.geometry.gripper import gripper_from
 from neugrasp_ros.geometry.transform import pose_from, to_position_quaternion
 from sim_bridge.scene import PlacedObject, Scene
 
-FORMAT = 1
+FORMAT = 2
 PATTERN = "shard_*.npz"
 MAX_BYTES = 38_000_000  # of a merged shard, so that none exceeds 40 MB
 GRASP_FIELDS = tuple(item.name for item in fields(GraspLabels))
@@ -80,7 +82,7 @@ def _columns(scenes: Sequence[SceneLabels]) -> Columns:
         "scene_index": np.array([s.index for s in scenes], dtype=np.int64),
         "scene_seed": np.array([s.scene.seed for s in scenes], dtype=np.int64),
         "scene_kind": np.array([s.scene.kind for s in scenes]),
-        "scene_gripper": np.array([s.gripper for s in scenes]),
+        "scene_gripper": np.array([json.dumps(asdict(s.gripper)) for s in scenes]),
         "n_objects": np.array([len(s.scene.objects) for s in scenes], dtype=np.int32),
         "n_grasps": np.array([len(s.grasps) for s in scenes], dtype=np.int32),
         "object_set": np.array([item.set_name for item in placed], dtype=np.str_),
@@ -138,7 +140,9 @@ def read_shard(path: str | Path) -> list[SceneLabels]:
         rows = slice(grasp_ends[row] - columns["n_grasps"][row], grasp_ends[row])
         grasps = GraspLabels(**{name: columns[name][rows] for name in GRASP_FIELDS})
         kind, seed = str(columns["scene_kind"][row]), int(columns["scene_seed"][row])
-        gripper = str(columns["scene_gripper"][row])
+        gripper = gripper_from(
+            json.loads(str(columns["scene_gripper"][row])), str(path)
+        )
         scenes.append(
             SceneLabels(int(index), Scene(kind, seed, placed), gripper, grasps)
         )

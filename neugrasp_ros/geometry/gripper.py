@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parallel-jaw grippers as one value that every other part reads."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -125,15 +127,52 @@ def load_gripper(name_or_path: str | Path) -> Gripper:
         raise ConfigError(f"{path}: not YAML ({error})") from error
     if not isinstance(values, dict):
         raise ConfigError(f"{path}: expected a mapping of gripper measures")
+    return gripper_from(values, str(path))
+
+
+def gripper_from(values: Mapping[str, Any], source: str) -> Gripper:
+    """Make a gripper of plain values, as a file has them.
+
+    Args:
+        values: The fields of ``Gripper`` by name.
+        source: Where the values came from, for errors.
+
+    Raises:
+        ConfigError: If a field is missing, unknown, or absurd.
+    """
     known = {item.name for item in fields(Gripper)}
     if set(values) - known:
         raise ConfigError(
-            f"{path}: unknown {sorted(set(values) - known)}; known: {sorted(known)}"
+            f"{source}: unknown {sorted(set(values) - known)}; known: {sorted(known)}"
         )
     missing = known - set(values) - {"tip_advance"}
     if missing:
-        raise ConfigError(f"{path}: missing {sorted(missing)}")
+        raise ConfigError(f"{source}: missing {sorted(missing)}")
     try:
         return Gripper(**values)
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"{path}: {error}") from error
+        raise ConfigError(f"{source}: {error}") from error
+
+
+def varied_gripper(rng: np.random.Generator) -> Gripper:
+    """Draw a gripper that nobody builds, between and around those that are built.
+
+    A network that is trained with such grippers reads the measures instead of
+    learning two of them by heart.
+    """
+    depth = float(rng.uniform(0.035, 0.075))
+    palm = (
+        float(rng.uniform(0.05, 0.09)),
+        float(rng.uniform(0.09, 0.21)),
+        float(rng.uniform(0.07, 0.11)),
+    )
+    return Gripper(
+        name="varied",
+        max_opening=float(rng.uniform(0.05, 0.14)),
+        finger_depth=depth,
+        finger_thickness=float(rng.uniform(0.012, 0.028)),
+        finger_width=float(rng.uniform(0.010, 0.022)),
+        palm_size=palm,
+        mount_to_tcp=depth + palm[2],
+        max_force=float(rng.uniform(15.0, 50.0)),
+    )

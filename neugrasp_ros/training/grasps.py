@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from neugrasp_ros.config import RenderConfig
 from neugrasp_ros.datagen.labels import SceneLabels
 from neugrasp_ros.errors import ShardError
-from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.geometry.raycast import MeshScene
 from neugrasp_ros.geometry.transform import pose_from
 from neugrasp_ros.grasp.inputs import MIN_HITS, LocalInputs, assemble_inputs
@@ -102,7 +101,7 @@ def view_grasps(
             grasps.positions.astype(np.float64), grasps.quaternions.astype(np.float64)
         ),
         grasps.openings.astype(np.float64),
-        load_gripper(labels.gripper),
+        labels.gripper,
         n_points=network.config.local_points,
         image_size=render.local_image_size,
         fov=np.deg2rad(render.local_fov_deg),

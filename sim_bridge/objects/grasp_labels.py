@@ -45,7 +45,7 @@ def label_grasps(
     models: Sequence[ObjectModel],
     T_task_objects: Sequence[FloatArray],
     T_task_grippers: FloatArray,
-    opening: float,
+    openings: FloatArray,
     rng: np.random.Generator,
 ) -> BoolArray:
     """Label grasps by the parts between their fingers, over all objects of a scene.
@@ -56,7 +56,7 @@ def label_grasps(
         models: The objects, at their scale.
         T_task_objects: Where they are, each (4, 4).
         T_task_grippers: Gripper poses, shape (G, 4, 4).
-        opening: Of the gripper, from pad to pad, in [m].
+        openings: Of the gripper, from pad to pad, in [m], shape (G,).
         rng: Source of randomness.
 
     Returns:
@@ -74,5 +74,7 @@ def label_grasps(
     for row, T_task_gripper in enumerate(T_task_grippers):
         near = (np.abs(points - T_task_gripper[:3, 3]) < REACH).all(axis=1)
         points_gripper = apply(invert(T_task_gripper), points[near])
-        labels[row] = grasp_affordances(points_gripper, classes[near], opening)
+        labels[row] = grasp_affordances(
+            points_gripper, classes[near], float(openings[row])
+        )
     return labels

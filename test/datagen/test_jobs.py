@@ -11,7 +11,7 @@ def plan(**changes):
     values = {
         "objects": ("pile:a", "packed:b", "procedural"),
         "kind": "mixed",
-        "gripper": "both",
+        "gripper": "mixed",
         "n_scenes": 100,
         "seed": 3,
     }
@@ -27,10 +27,11 @@ def test_every_start_of_a_run_is_a_balanced_mix(n):
     )
     tolerance = max(0.04, 4 / n)
     assert abs(kinds["pile"] / n - 0.6) < tolerance
-    assert abs(grippers["panda"] / n - 0.7) < tolerance
+    assert abs(grippers["panda"] / n - 0.45) < tolerance
     assert abs(sets["procedural"] / n - 0.5) < tolerance
     both = Counter((job.kind, job.gripper) for job in jobs)
     assert abs(both["packed", "robotiq_2f85"] / n - 0.12) < tolerance
+    assert abs(grippers["varied"] / n - 0.25) < tolerance
     assert 0 < sum(job.preset == "fast_shake" for job in jobs) < 0.25 * n
 
 

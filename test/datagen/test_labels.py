@@ -6,9 +6,10 @@ import pytest
 from sim_shapes import block_set
 
 from neugrasp_ros.datagen.candidates import CandidateConfig
-from neugrasp_ros.datagen.labels import REASONS, SceneJob, label_scene
+from neugrasp_ros.datagen.labels import REASONS, VARIED, SceneJob, label_scene
 from neugrasp_ros.datagen.shards import GRASP_FIELDS
 from neugrasp_ros.errors import ShapeError
+from neugrasp_ros.geometry.gripper import load_gripper
 from sim_bridge.objects.registry import SPLIT_REMAINDERS
 
 JOB = SceneJob(
@@ -36,7 +37,7 @@ def labelled():
 def test_a_scene_gets_positive_and_negative_labels(labelled):
     grasps = labelled.grasps
     assert labelled.index == 4
-    assert labelled.gripper == "panda"
+    assert labelled.gripper == load_gripper("panda")
     assert labelled.scene.kind == "packed"
     assert 10 <= len(grasps) <= 16
     assert 0 < grasps.labels.sum() < len(grasps)
@@ -73,6 +74,32 @@ def test_the_job_alone_determines_the_labels(labelled):
     assert len(other.scene.objects) != len(again.scene.objects) or not np.array_equal(
         other.scene.objects[0].T_task_object, again.scene.objects[0].T_task_object
     )
+
+
+def test_some_jaws_are_half_open_and_all_fit_the_gripper(labelled):
+    openings = labelled.grasps.openings
+    full = labelled.gripper.max_opening
+    assert (openings >= 0.39 * full).all()
+    assert (openings <= full + 1e-6).all()
+    assert 0 < (openings < 0.99 * full).sum() < len(openings)
+
+
+def test_a_varied_gripper_is_another_one_in_every_scene():
+    scenes = [
+        label(dataclasses.replace(JOB, index=index, gripper=VARIED)) for index in (4, 6)
+    ]
+    one, other = (scene.gripper for scene in scenes)
+    assert one.name == other.name == "varied"
+    assert one.max_opening != other.max_opening
+
+
+def test_grasps_on_parts_of_labelled_things_say_what_they_afford():
+    job = dataclasses.replace(JOB, objects="affordance", index=0)
+    scene = label_scene(job)
+    held = scene.grasps.affordances[scene.grasps.labels == 1]
+    assert held.shape[1] == 7
+    assert held.any()
+    assert not label().grasps.affordances.any()
 
 
 def test_columns_of_unequal_length_are_refused(labelled):

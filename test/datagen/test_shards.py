@@ -61,9 +61,9 @@ def test_a_truncated_shard_is_refused(tmp_path, share):
 def test_another_format_or_missing_columns_are_refused(tmp_path):
     path = tmp_path / "shard_000000.npz"
     np.savez(path, format=np.array(99))
-    with pytest.raises(ShardError, match="format 99, expected 1"):
+    with pytest.raises(ShardError, match="format 99, expected 2"):
         read_shard(path)
-    np.savez(path, format=np.array(1))
+    np.savez(path, format=np.array(2))
     with pytest.raises(ShardError, match="misses"):
         read_shard(path)
 

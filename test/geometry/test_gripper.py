@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import json
 from dataclasses import asdict
 
 import numpy as np
@@ -6,7 +7,13 @@ import pytest
 import yaml
 
 from neugrasp_ros.errors import ConfigError, UnknownNameError
-from neugrasp_ros.geometry.gripper import Gripper, gripper_names, load_gripper
+from neugrasp_ros.geometry.gripper import (
+    Gripper,
+    gripper_from,
+    gripper_names,
+    load_gripper,
+    varied_gripper,
+)
 
 MEASURES = {
     "name": "wide",
@@ -109,3 +116,13 @@ def test_closing_moves_the_fingers_only():
 
 def test_a_gripper_can_be_a_key():
     assert {Gripper(**MEASURES): 1}[Gripper(**MEASURES)] == 1
+
+
+def test_varied_grippers_are_drawn_anew_and_survive_their_plain_values():
+    rng = np.random.default_rng(0)
+    drawn = [varied_gripper(rng) for _ in range(20)]
+    assert len({gripper.max_opening for gripper in drawn}) == 20
+    for gripper in drawn:
+        assert 0.05 <= gripper.max_opening <= 0.14
+        plain = json.loads(json.dumps(asdict(gripper)))
+        assert gripper_from(plain, "here") == gripper

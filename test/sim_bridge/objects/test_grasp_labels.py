@@ -12,6 +12,7 @@ from sim_bridge.objects.shapes.assembly import Shape, assemble
 from sim_bridge.objects.shapes.building import box
 
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])  # gripper frame looking straight down
+OPEN = np.full(3, 0.08)
 
 
 @pytest.fixture
@@ -37,7 +38,11 @@ def test_points_are_as_dense_as_promised_and_carry_their_parts_classes(knife):
 def test_grasps_are_labelled_by_where_they_hold(knife):
     grippers = np.stack([translation(x, 0, 0) @ DOWN for x in (-0.05, 0.05, 0.3)])
     labels = label_grasps(
-        [knife], [np.eye(4)], grippers, 0.08, np.random.default_rng(0)
+        [knife],
+        [np.eye(4)],
+        grippers,
+        OPEN[: len(grippers)],
+        np.random.default_rng(0),
     )
     assert [names_of(row) for row in labels] == [{"cut", "stab"}, {"handover"}, set()]
 
@@ -46,7 +51,11 @@ def test_labels_move_with_the_object_and_all_objects_count(knife):
     poses = [translation(0.1, 0.1, 0), translation(0.1, 0.3, 0)]
     grippers = np.stack([T @ translation(0.06, 0, 0) @ DOWN for T in poses])
     labels = label_grasps(
-        [knife, knife], poses, grippers, 0.08, np.random.default_rng(0)
+        [knife, knife],
+        poses,
+        grippers,
+        OPEN[: len(grippers)],
+        np.random.default_rng(0),
     )
     assert [names_of(row) for row in labels] == [{"handover"}, {"handover"}]
 
@@ -54,8 +63,8 @@ def test_labels_move_with_the_object_and_all_objects_count(knife):
 def test_unlabelled_objects_and_empty_scenes_afford_nothing(knife):
     plain = replace(knife, category="")
     rng = np.random.default_rng(0)
-    assert not label_grasps([plain], [np.eye(4)], DOWN[None], 0.08, rng).any()
-    assert label_grasps([], [], DOWN[None], 0.08, rng).shape == (1, 7)
+    assert not label_grasps([plain], [np.eye(4)], DOWN[None], OPEN[:1], rng).any()
+    assert label_grasps([], [], DOWN[None], OPEN[:1], rng).shape == (1, 7)
 
 
 def test_points_that_came_with_an_object_are_used(knife):
@@ -64,6 +73,10 @@ def test_points_that_came_with_an_object_are_used(knife):
     odd = replace(knife, point_labels=PointLabels(np.array([[0.01, 0, 0]]), classes))
     grippers = (translation(0.02, 0, 0) @ DOWN)[None]
     labels = label_grasps(
-        [odd.scaled(2.0)], [np.eye(4)], grippers, 0.08, np.random.default_rng(0)
+        [odd.scaled(2.0)],
+        [np.eye(4)],
+        grippers,
+        OPEN[: len(grippers)],
+        np.random.default_rng(0),
     )
     assert names_of(labels[0]) == {"wear"}
