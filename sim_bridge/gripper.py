@@ -26,6 +26,9 @@ CARRIAGE_FORCE = 500.0  # [N], a linkage does not give way along z
 GEAR_FORCE_RATIO = 2.5  # coupling force over rated force: 50 N for the Panda hand
 GEAR_ERP = 0.1
 JAW_STEPS = 120  # half a second for closing or opening
+STILL_STEPS = 5  # between two looks whether the jaws still move
+STILL_LOOKS = 3  # without motion, after which they have come to rest
+STILL_MOTION = 2e-4  # [m] between two looks
 PARKED = translation(0.15, 0.15, 3.0)  # far above anything
 
 PAD_CONTACT = {
@@ -198,14 +201,21 @@ class SimGripper:
                 return index
         return None
 
-    def close(self, *, force: float | None = None, speed: float | None = None) -> None:
+    def close(
+        self,
+        *,
+        force: float | None = None,
+        speed: float | None = None,
+        until_still: bool = False,
+    ) -> None:
         """Close the jaws for half a second.
 
         Args:
             force: Of each finger in [N]; default the rated one.
             speed: Limit for each finger in [m/s]; default none.
+            until_still: End as soon as the jaws have come to rest.
         """
-        self._move_jaws(0.0, force, speed)
+        self._move_jaws(0.0, force, speed, until_still=until_still)
 
     def open(self, opening: float | None = None) -> None:
         """Open the jaws for half a second; by default as far as they go."""
@@ -214,14 +224,29 @@ class SimGripper:
         )
 
     def _move_jaws(
-        self, opening: float, force: float | None, speed: float | None
+        self,
+        opening: float,
+        force: float | None,
+        speed: float | None,
+        *,
+        until_still: bool = False,
     ) -> None:
         force = self.gripper.max_force if force is None else force
         self._drive_jaws(opening, force, speed)
+        width, still = self.width(), 0
+        for _ in range(JAW_STEPS // STILL_STEPS):
+            self._step_jaws(STILL_STEPS)
+            before, width = width, self.width()
+            still = still + 1 if abs(width - before) < STILL_MOTION else 0
+            if until_still and still == STILL_LOOKS:
+                return
+
+    def _step_jaws(self, count: int) -> None:
+        """Step while the carriage of a linkage gripper follows the jaws."""
         if self._carriage is None:
-            self.world.step(JAW_STEPS)
+            self.world.step(count)
             return
-        for _ in range(JAW_STEPS):
+        for _ in range(count):
             self._drive_carriage(tip_advance_at(self.gripper, self.width()))
             self.world.step()
 

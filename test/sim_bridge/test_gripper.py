@@ -117,3 +117,19 @@ def test_a_removed_gripper_leaves_the_world_as_it_was(make_world):
     hand.remove()
     world.step(10)
     assert world.object_ids == (body,)
+
+
+@pytest.mark.parametrize("name", GRIPPERS)
+def test_jaws_at_rest_need_no_more_steps(make_world, name):
+    world = make_world()
+    hand = hand_in(world, name)
+    pose = looking_down(0.15, 0.15, 0.3)
+    ends = []
+    for until_still in (False, True):
+        hand.teleport(pose, 0.05)
+        before = world.steps
+        hand.close(until_still=until_still)
+        ends.append((world.steps - before, hand.width()))
+    assert ends[0][0] == 120
+    assert ends[1][0] < 100
+    assert abs(ends[0][1] - ends[1][1]) < 1e-3
