@@ -44,8 +44,13 @@ def answer(node: Node, response: Any, work: Callable[[], object]) -> Any:
 
 
 def log_bug(node: Node) -> None:
-    """Log the exception being handled, with its traceback."""
-    node.get_logger().error(traceback.format_exc())
+    """Log the exception being handled, with its traceback.
+
+    While the process ends, publishers and clients go before the work that uses them;
+    what fails then is no bug.
+    """
+    if node.context.ok():
+        node.get_logger().error(traceback.format_exc())
 
 
 def shielded(

@@ -22,6 +22,8 @@ class Log:
 
     def __init__(self) -> None:
         self.lines: list[str] = []
+        self.is_up = True
+        self.context = SimpleNamespace(ok=lambda: self.is_up)
 
     def get_name(self) -> str:
         return "some_node"
@@ -65,6 +67,13 @@ def test_a_shielded_callback_never_raises():
     shielded(log, lambda _: fail(EmptySceneError("empty")))("message")
     assert taken == ["message"]
     assert "Traceback" in log.lines[0] and log.lines[1] == "empty"
+
+
+def test_what_fails_because_ros_is_gone_is_not_reported_as_a_bug():
+    log = Log()
+    log.is_up = False
+    shielded(log, lambda _: 1 / 0)("message")
+    assert log.lines == []
 
 
 def test_counts_and_seconds_survive_a_message():
