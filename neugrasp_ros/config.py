@@ -161,7 +161,9 @@ class TrainConfig(Checked):
     w_occupancy: float = option(2.0, "Weight of the scene occupancy loss", 0.0, 100.0)
     w_quality: float = option(1.0, "Weight of the quality loss", 0.0, 100.0)
     w_local: float = option(1.0, "Weight of the local occupancy loss", 0.0, 100.0)
-    w_affordance: float = option(1.0, "Weight of the affordance loss", 0.0, 100.0)
+    w_affordance: float = option(
+        0.15, "Weight of the affordance loss, a sum over the classes", 0.0, 100.0
+    )
     seed: int = option(0, "Seed of every random choice", 0, 2**31 - 1)
     checkpoint_seconds: float = option(
         300.0, "Time between checkpoints [s]", 1.0, 600.0

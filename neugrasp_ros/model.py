@@ -33,6 +33,7 @@ class GraspNetwork(nn.Module):
     """
 
     calibration: Tensor  # scale and bias of the quality logits, shape (2,)
+    affordance_calibration: Tensor  # those of each class, shape (A, 2)
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -40,11 +41,24 @@ class GraspNetwork(nn.Module):
         self.scene = SceneNetwork(config)
         self.detector = DETECTORS[config.detector](config)
         self.register_buffer("calibration", torch.tensor([1.0, 0.0]))
+        if config.affordances:
+            same = torch.tensor([1.0, 0.0]).repeat(len(config.affordances), 1)
+            self.register_buffer("affordance_calibration", same)
 
     def probability(self, quality_logits: Tensor) -> Tensor:
         """Turn quality logits into calibrated probabilities (Platt scaling)."""
         scale, bias = self.calibration
         return torch.sigmoid(scale * quality_logits + bias)
+
+    def affordance_probability(self, logits: Tensor) -> Tensor:
+        """Turn affordance logits (G, A) into calibrated probabilities, per class.
+
+        They say what a grasp is good for given that it holds.
+        """
+        if not self.config.affordances:
+            return logits
+        scale, bias = self.affordance_calibration.unbind(dim=1)
+        return torch.sigmoid(scale * logits + bias)
 
 
 def default_weights() -> Path:
@@ -117,6 +131,35 @@ def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
         raise CheckpointError(path, f"unusable configuration ({error})") from error
     _load_exactly(network, tensors, path)
     return network.eval(), card
+
+
+def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
+    """Take over the weights of a file; what it lacks stays as it is.
+
+    Weights of a network without affordance heads start one that has them.
+
+    Args:
+        network: Changed in place.
+        path: A weights file of the same shape, apart from heads.
+
+    Returns:
+        Names of the tensors that the file does not have.
+
+    Raises:
+        CheckpointError: If the file cannot be used, or holds a tensor that the network
+            has not, or has in another shape.
+    """
+    source, _ = load_network(path)
+    tensors, own = source.state_dict(), network.state_dict()
+    wrong = sorted(
+        k for k, v in tensors.items() if k not in own or own[k].shape != v.shape
+    )
+    if wrong:
+        raise CheckpointError(
+            path, f"does not fit {network.config}: it differs in {', '.join(wrong)}"
+        )
+    network.load_state_dict(tensors, strict=False)
+    return tuple(sorted(set(own) - set(tensors)))
 
 
 def _mapping(metadata: dict[str, str], key: str, path: Path) -> dict[str, Any]:

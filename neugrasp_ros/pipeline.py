@@ -281,7 +281,8 @@ class GraspPlanner:
             )
             probability = self._network.probability(quality)
             qualities.append(probability.cpu().double().numpy())
-            affordances.append(affordance.sigmoid().cpu().double().numpy())
+            afforded = self._network.affordance_probability(affordance)
+            affordances.append(afforded.cpu().double().numpy())
         return np.concatenate(qualities), np.concatenate(affordances)
 
 

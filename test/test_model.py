@@ -18,6 +18,7 @@ from neugrasp_ros.model import (
     file_sha256,
     load_network,
     save_network,
+    warm_start,
 )
 from neugrasp_ros.scene.encoder import ENCODERS
 
@@ -205,6 +206,40 @@ def test_the_papers_network_is_within_its_size():
         network = GraspNetwork(PAPER_NETWORK)
     count = sum(p.numel() for p in network.parameters())
     assert count == pytest.approx(33.9e6, rel=0.05)  # the paper's has a width head
+
+
+def test_weights_without_heads_start_a_network_that_has_them(tmp_path):
+    torch.manual_seed(1)
+    old = GraspNetwork(replace(SMALL, affordances=()))
+    save_network(old, tmp_path / "old.safetensors")
+    torch.manual_seed(2)
+    new = GraspNetwork(SMALL)
+    before = {k: v.clone() for k, v in new.state_dict().items()}
+    fresh = warm_start(new, tmp_path / "old.safetensors")
+    assert fresh
+    assert all("affordance" in key for key in fresh)
+    for key, value in new.state_dict().items():
+        expected = before[key] if key in fresh else old.state_dict()[key]
+        assert torch.equal(value, expected), key
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [({"channels": 8}, "scene.encoder"), ({"affordances": ()}, "detector.affordance")],
+)
+def test_weights_of_another_shape_do_not_start_a_network(weights, change, key):
+    network = GraspNetwork(replace(SMALL, **change))
+    with pytest.raises(CheckpointError, match=f"does not fit .*{key}"):
+        warm_start(network, weights)
+
+
+def test_affordance_probabilities_have_a_scale_and_a_bias_a_class(network):
+    network.affordance_calibration.copy_(torch.tensor([[2.0, 0.0], [1.0, -1.0]]))
+    logits = torch.tensor([[0.5, 1.0], [-1.0, 3.0]])
+    expected = torch.sigmoid(torch.tensor([[1.0, 0.0], [-2.0, 2.0]]))
+    torch.testing.assert_close(network.affordance_probability(logits), expected)
+    bare = GraspNetwork(replace(SMALL, affordances=()))
+    assert bare.affordance_probability(torch.zeros(3, 0)).shape == (3, 0)
 
 
 @pytest.fixture

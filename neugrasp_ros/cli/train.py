@@ -7,6 +7,10 @@ import logging
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from neugrasp_ros.config import TrainConfig
 
 
 def add_parser(
@@ -22,9 +26,16 @@ def add_parser(
     parser.add_argument(
         "--weights", type=Path, help="default: OUT/neugrasp.safetensors"
     )
+    parser.add_argument(
+        "--start", type=Path, help="weights to begin with; heads they lack are new"
+    )
     parser.add_argument("--network", default="cpu", choices=("cpu", "paper"))
     parser.add_argument(
-        "--steps", help="steps of the stages, such as occupancy=3600,joint=600"
+        "--steps",
+        help="steps of the stages, such as occupancy=3600,joint=600; 0 skips one",
+    )
+    parser.add_argument(
+        "--w-aff", type=float, help="weight of the affordance loss; default 0.15"
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
@@ -38,8 +49,9 @@ def run(args: argparse.Namespace) -> int:
     """Train, write the weights, print the card."""
     from neugrasp_ros.config import CPU_NETWORK, PAPER_NETWORK
     from neugrasp_ros.errors import ConfigError
-    from neugrasp_ros.training.run import DEFAULT_STAGES, TrainingRun, train
+    from neugrasp_ros.training.run import TrainingRun, train
     from neugrasp_ros.training.smoke import smoke_test
+    from sim_bridge.objects.affordances import AFFORDANCE_NAMES
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     if args.smoke:
@@ -50,24 +62,39 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(
             "train needs --data and --tune (`neugrasp datagen`), or --smoke"
         )
-    steps = dict(item.split("=") for item in (args.steps or "").split(",") if item)
-    unknown = set(steps) - {stage.stage for stage in DEFAULT_STAGES}
-    if unknown:
-        raise ConfigError(f"--steps: unknown stages {sorted(unknown)}")
-    stages = tuple(
-        replace(stage, seed=args.seed, steps=int(steps.get(stage.stage, stage.steps)))
-        for stage in DEFAULT_STAGES
-    )
+    network = PAPER_NETWORK if args.network == "paper" else CPU_NETWORK
     card = train(
         TrainingRun(
             train=tuple(Path(folder) for folder in args.data.split(",")),
             tune=args.tune,
             folder=args.out,
             weights=args.weights or args.out / "neugrasp.safetensors",
-            network=PAPER_NETWORK if args.network == "paper" else CPU_NETWORK,
-            stages=stages,
+            network=replace(network, affordances=AFFORDANCE_NAMES),
+            stages=_stages(args),
             workers=args.workers,
+            start=args.start,
         )
     )
     print(json.dumps(card, indent=1))
     return 0
+
+
+def _stages(args: argparse.Namespace) -> "tuple[TrainConfig, ...]":
+    """Return the stages to run, with the steps and weights that were asked for."""
+    from neugrasp_ros.errors import ConfigError
+    from neugrasp_ros.training.run import DEFAULT_STAGES
+
+    known = {stage.stage: stage for stage in DEFAULT_STAGES}
+    steps = dict(item.split("=") for item in (args.steps or "").split(",") if item)
+    unknown = set(steps) - set(known)
+    if unknown:
+        raise ConfigError(f"--steps: unknown stages {sorted(unknown)}")
+    changes = {} if args.w_aff is None else {"w_affordance": args.w_aff}
+    stages = []
+    for name, stage in known.items():
+        count = int(steps.get(name, stage.steps))
+        if count:
+            stages.append(replace(stage, seed=args.seed, steps=count, **changes))
+    if not stages:
+        raise ConfigError("--steps skips every stage")
+    return tuple(stages)

@@ -36,8 +36,10 @@ from neugrasp_ros.training.views import (
     render_volume,
     table_scene,
 )
+from sim_bridge.objects.affordance import SET_NAME as AFFORDANCE_SET
 
 LOCAL_NOISE = 0.003  # [m], spread of the points of the local occupancy loss
+NOT_KNOWN = 255  # of an affordance
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,8 @@ class GraspEntry:
         tokens: Shape (G, TOKEN_FEATURES).
         labels: 1 = success, shape (G,).
         tried: Went through physics, shape (G,).
+        affordances: 1 = affords the class, 0 = does not, ``NOT_KNOWN``, shape (G, A).
+        poses: Poses ``T_task_gripper``, shape (G, 4, 4).
         local_points: Points near the local surfaces, scaled like ``points``, (M, 3).
         local_occupied: Whether they are inside an object, shape (M,).
     """
@@ -61,6 +65,8 @@ class GraspEntry:
     tokens: NDArray[np.float32]
     labels: NDArray[np.uint8]
     tried: NDArray[np.bool_]
+    affordances: NDArray[np.uint8]
+    poses: NDArray[np.float32]
     local_points: NDArray[np.uint16]
     local_occupied: NDArray[np.bool_]
 
@@ -132,9 +138,35 @@ def _entry(
         inputs.tokens[kept],
         labels.grasps.labels[kept],
         labels.grasps.tried[kept],
+        affordance_targets(labels)[kept],
+        labels.grasps.poses()[kept].astype(np.float32),
         _scaled(local),
         truth.contains(local.astype(np.float64)),
     )
+
+
+def affordance_targets(labels: SceneLabels) -> NDArray[np.uint8]:
+    """Return what the affordance heads learn from a scene, shape (G, A).
+
+    A class is 1, 0, or ``NOT_KNOWN``.
+    """
+    known = known_affordances(labels)[:, None]
+    return np.where(known, labels.grasps.affordances, np.uint8(NOT_KNOWN))
+
+
+def known_affordances(labels: SceneLabels) -> NDArray[np.bool_]:
+    """Tell of which grasps of a scene it is known what they afford, shape (G,).
+
+    Failed grasps are left out rather than called negative: the heads then predict what
+    a grasp is good for *given that it holds*, which the ranking multiplies by the
+    probability that it does. A scene without a labelled object says nothing either: a
+    plain cylinder is shaped like a mug's body.
+    """
+    grasps = labels.grasps
+    labelled = any(item.set_name == AFFORDANCE_SET for item in labels.scene.objects)
+    if not (labelled or grasps.affordances.any()):
+        return np.zeros(len(grasps), dtype=bool)
+    return np.asarray(grasps.labels > 0)
 
 
 def _scaled(points: NDArray[np.floating]) -> NDArray[np.uint16]:

@@ -1,129 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
 """Later stages: the detector learns on the network's own renders, alone or jointly."""
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits as bce
 
 from neugrasp_ros.config import TrainConfig
-from neugrasp_ros.errors import EmptySceneError
-from neugrasp_ros.grasp.inputs import LocalInputs, mirror_inputs
 from neugrasp_ros.model import GraspNetwork
-from neugrasp_ros.scene.encoder import volume_channels
-from neugrasp_ros.training.cache import POINT_SCALE
-from neugrasp_ros.training.grasps import GraspEntry, load_grasps
+from neugrasp_ros.training.batches import (
+    GraspBatch,
+    GraspCache,
+    make_batch,
+    whole_batch,
+)
+from neugrasp_ros.training.grasps import GraspEntry
+from neugrasp_ros.training.losses import affordance_loss
 from neugrasp_ros.training.occupancy import OccupancyStage
-from neugrasp_ros.training.views import dequantise
-
-LOCAL_POINTS_PER_SCENE = 512
 
 
-class GraspCache:
-    """The grasp entries of a folder, in memory.
+def grasp_logits(
+    network: GraspNetwork, planes: Tensor, batch: GraspBatch
+) -> tuple[Tensor, Tensor]:
+    """Score a batch's grasps with the planes (B, 3, C, R, R) of its scenes.
 
-    Args:
-        folder: Folder of grasp entries.
-
-    Raises:
-        EmptySceneError: If there is none.
+    Returns:
+        Quality logits (B * K,) and affordance logits (B * K, A).
     """
-
-    def __init__(self, folder: Path) -> None:
-        self.entries = [load_grasps(path) for path in sorted(folder.glob("*.npz"))]
-        if not self.entries:
-            raise EmptySceneError(f"{folder} holds no grasp entries")
-
-    def __len__(self) -> int:
-        """Return the number of entries."""
-        return len(self.entries)
-
-
-@dataclass(frozen=True)
-class GraspBatch:
-    """B scenes with K grasps each.
-
-    Attributes:
-        volumes: Channels, shape (B, 3, D, D, D).
-        points: Local surface points in units of the edge, shape (B, K * P, 3).
-        point_features: Shape (B * K, P, F).
-        tokens: Shape (B * K, T).
-        labels: Shape (B * K,).
-        local_points: In units of the edge, shape (B, M, 3).
-        local_occupied: Shape (B, M).
-    """
-
-    volumes: Tensor
-    points: Tensor
-    point_features: Tensor
-    tokens: Tensor
-    labels: Tensor
-    local_points: Tensor
-    local_occupied: Tensor
-
-
-def make_batch(
-    entries: list[GraspEntry], n_grasps: int, rng: np.random.Generator
-) -> GraspBatch:
-    """Draw grasps of each entry, with replacement where it has too few.
-
-    Half of the grasps, drawn at random, are mirrored.
-
-    Args:
-        entries: One view of a scene each.
-        n_grasps: Grasps per entry.
-        rng: Source of randomness.
-    """
-    volumes, points, features, tokens, labels, local, occupied = ([] for _ in range(7))
-    for entry in entries:
-        count = len(entry.labels)
-        rows = rng.permutation(count)[:n_grasps]
-        if count < n_grasps:
-            rows = np.concatenate([rows, rng.integers(count, size=n_grasps - count)])
-        inputs = LocalInputs(
-            entry.points[rows].astype(np.float32) / np.float32(POINT_SCALE),
-            entry.point_features[rows].astype(np.float32),
-            entry.tokens[rows],
-            np.zeros(len(rows), dtype=np.int32),
-        )
-        mirrored = mirror_inputs(inputs)
-        half = rng.random(len(rows)) < 0.5
-        features.append(
-            np.where(
-                half[:, None, None], mirrored.point_features, inputs.point_features
-            )
-        )
-        tokens.append(np.where(half[:, None], mirrored.tokens, inputs.tokens))
-        points.append(inputs.points_task.reshape(-1, 3))
-        labels.append(entry.labels[rows])
-        volumes.append(volume_channels(dequantise(entry.volume)))
-        some = rng.integers(len(entry.local_points), size=LOCAL_POINTS_PER_SCENE)
-        local.append(entry.local_points[some].astype(np.float32) / POINT_SCALE)
-        occupied.append(entry.local_occupied[some])
-    return GraspBatch(
-        torch.from_numpy(np.stack(volumes)),
-        torch.from_numpy(np.stack(points)),
-        torch.from_numpy(np.concatenate(features)),
-        torch.from_numpy(np.concatenate(tokens)),
-        torch.from_numpy(np.concatenate(labels).astype(np.float32)),
-        torch.from_numpy(np.stack(local).astype(np.float32)),
-        torch.from_numpy(np.stack(occupied).astype(np.float32)),
-    )
-
-
-def quality_logits(network: GraspNetwork, planes: Tensor, batch: GraspBatch) -> Tensor:
-    """Score a batch's grasps with the planes (B, 3, C, R, R) of its scenes."""
     features = network.scene.features(planes, batch.points)
     shape = batch.point_features.shape[:2]
-    logits, _ = network.detector(
+    logits: tuple[Tensor, Tensor] = network.detector(
         batch.point_features,
         batch.tokens,
         features.reshape(*shape, features.shape[-1]),
     )
     return logits
+
+
+def grasp_losses(
+    network: GraspNetwork, planes: Tensor, batch: GraspBatch, config: TrainConfig
+) -> dict[str, Tensor]:
+    """Return the weighted losses of quality and, if there are heads, affordances."""
+    quality, affordance = grasp_logits(network, planes, batch)
+    losses = {"quality": config.w_quality * bce(quality, batch.labels)}
+    if network.config.affordances:
+        loss = affordance_loss(affordance, batch.affordances, batch.known)
+        losses["affordance"] = config.w_affordance * loss
+    return losses
 
 
 class QualityStage:
@@ -159,8 +86,7 @@ class QualityStage:
         planes = torch.stack(
             [self._encoded(i, batch.volumes[row]) for row, i in enumerate(chosen)]
         )
-        logits = quality_logits(self.network, planes, batch)
-        return {"quality": self.config.w_quality * bce(logits, batch.labels)}
+        return grasp_losses(self.network, planes, batch, self.config)
 
     @torch.no_grad()
     def _encoded(self, index: int, volume: Tensor) -> Tensor:
@@ -193,24 +119,48 @@ class JointStage(QualityStage):
         """Return the losses of a step."""
         _, batch = self.draw(step)
         planes = self.network.scene.encode(batch.volumes)
-        logits = quality_logits(self.network, planes, batch)
         local = self.network.scene.occupancy(planes, batch.local_points)
         return {
-            "quality": self.config.w_quality * bce(logits, batch.labels),
+            **grasp_losses(self.network, planes, batch, self.config),
             "local": self.config.w_local * bce(local, batch.local_occupied),
             **self._occupancy(step),
         }
 
 
+class Predictions(NamedTuple):
+    """What a network says about grasps, and the truth.
+
+    Attributes:
+        quality: Probability of success, shape (N,).
+        labels: 1 = success, shape (N,).
+        affordances: Probability per class, shape (N, A).
+        afforded: 0 or 1, shape (N, A); meaningless where not known.
+        known: Grasps whose affordances are known, shape (N,).
+    """
+
+    quality: NDArray[np.float32]
+    labels: NDArray[np.float32]
+    affordances: NDArray[np.float32]
+    afforded: NDArray[np.float32]
+    known: NDArray[np.bool_]
+
+
 @torch.no_grad()
-def predict(network: GraspNetwork, cache: GraspCache) -> tuple[np.ndarray, np.ndarray]:
-    """Return predicted probabilities and labels of all grasps of a cache, (N,) each."""
-    rng = np.random.default_rng(0)
-    probabilities, labels = [], []
-    for entry in cache.entries:
-        batch = make_batch([entry], len(entry.labels), rng)
+def predict(network: GraspNetwork, entries: Iterable[GraspEntry]) -> Predictions:
+    """Score all grasps of entries, in their order."""
+    parts = []
+    for entry in entries:
+        batch = whole_batch(entry)
         planes = network.scene.encode(batch.volumes)
-        logits = quality_logits(network, planes, batch)
-        probabilities.append(network.probability(logits).numpy())
-        labels.append(batch.labels.numpy())
-    return np.concatenate(probabilities), np.concatenate(labels)
+        quality, affordance = grasp_logits(network, planes, batch)
+        parts.append(
+            Predictions(
+                network.probability(quality).numpy(),
+                batch.labels.numpy(),
+                network.affordance_probability(affordance).numpy(),
+                batch.affordances.numpy(),
+                batch.known.numpy(),
+            )
+        )
+    columns = zip(*parts, strict=True)
+    return Predictions(*(np.concatenate(column) for column in columns))

@@ -15,25 +15,20 @@ import torch
 from neugrasp_ros.config import NetworkConfig, TrainConfig
 from neugrasp_ros.datagen.labels import SceneLabels
 from neugrasp_ros.datagen.shards import load_shards
-from neugrasp_ros.model import GraspNetwork, save_network
+from neugrasp_ros.model import GraspNetwork, file_sha256, save_network, warm_start
+from neugrasp_ros.training.batches import GraspCache
 from neugrasp_ros.training.cache import render_entry, save_entry
-from neugrasp_ros.training.grasps import cache_grasps
+from neugrasp_ros.training.calibration import calibrate
+from neugrasp_ros.training.grasps import cache_grasps, known_affordances
 from neugrasp_ros.training.loop import optimise
-from neugrasp_ros.training.metrics import (
-    average_precision,
-    expected_calibration_error,
-    platt_scaling,
-    roc_auc,
-)
-from neugrasp_ros.training.occupancy import OccupancyStage, SceneCache, occupancy_iou
-from neugrasp_ros.training.quality import GraspCache, JointStage, QualityStage, predict
+from neugrasp_ros.training.occupancy import OccupancyStage, SceneCache
+from neugrasp_ros.training.quality import JointStage, QualityStage
 from neugrasp_ros.training.views import ViewRange
 
 LOGGER = logging.getLogger(__name__)
 
 VIEWS_PER_SCENE = 3
 GRASP_VIEWS_PER_SCENE = 2
-IOU_SCENES = 200
 FOLDER_STRIDE = 10_000_000  # keeps the scenes of several folders apart
 
 
@@ -49,6 +44,7 @@ class TrainingRun:
         network: Shape of the network.
         stages: The stages in order; a stage that is done is skipped.
         workers: Processes that render scenes.
+        start: Weights to begin with; None = from nothing.
     """
 
     train: tuple[Path, ...]
@@ -58,6 +54,7 @@ class TrainingRun:
     network: NetworkConfig
     stages: tuple[TrainConfig, ...]
     workers: int = 1
+    start: Path | None = None
 
 
 DEFAULT_STAGES = (
@@ -75,23 +72,29 @@ DEFAULT_STAGES = (
 def train(run: TrainingRun) -> dict[str, Any]:
     """Run all stages and write the weights.
 
+    Heads for affordances need labels: if no scene has them, they are left out.
+
     Args:
         run: Data, folders, network and stages.
 
     Returns:
         The card: figures on the tuning split, and what they were trained on.
+
+    Raises:
+        CheckpointError: If the weights to begin with do not fit the network.
     """
-    torch.manual_seed(run.stages[0].seed)
-    network = GraspNetwork(run.network)
     scenes = [
         replace(labels, index=number * FOLDER_STRIDE + labels.index)
         for number, folder in enumerate(run.train)
         for labels in load_shards(folder)
     ]
     tune = list(load_shards(run.tune))
+    network = _new_network(run, scenes)
     render_scenes(scenes, run.folder / "scenes", run.workers)
     render_scenes(tune, run.folder / "tune_scenes", run.workers)
     card: dict[str, Any] = {"stages": [asdict(stage) for stage in run.stages]}
+    if run.start is not None:
+        card["start"] = file_sha256(run.start)
     for config in run.stages:
         torch.set_num_threads(config.threads or torch.get_num_threads())
         train_stage(network, config, run.folder, scenes)
@@ -103,6 +106,21 @@ def train(run: TrainingRun) -> dict[str, Any]:
     card["trials"] = int(sum(s.grasps.tried.sum() for s in scenes))
     save_network(network, run.weights, card)
     return card
+
+
+def _new_network(run: TrainingRun, scenes: Sequence[SceneLabels]) -> GraspNetwork:
+    """Return the network to train, with the weights it begins with."""
+    torch.manual_seed(run.stages[0].seed)
+    config = run.network
+    known = sum(int(known_affordances(labels).sum()) for labels in scenes)
+    if config.affordances and not known:
+        LOGGER.info("no scene has affordance labels: the heads are left out")
+        config = replace(config, affordances=())
+    network = GraspNetwork(config)
+    if run.start is not None:
+        fresh = warm_start(network, run.start)
+        LOGGER.info("began with %s; new: %s", run.start, ", ".join(fresh) or "nothing")
+    return network
 
 
 def train_stage(
@@ -131,34 +149,6 @@ def train_stage(
     occupancy = OccupancyStage(network.scene, SceneCache(folder / "scenes"), config)
     joint = JointStage(network, grasps, config, occupancy)
     optimise(network, joint, config, out)
-
-
-def calibrate(
-    network: GraspNetwork, folder: Path, tune: Sequence[SceneLabels]
-) -> dict[str, Any]:
-    """Fit the calibration on the tuning split and say how good the network is there.
-
-    The figures of a split that was calibrated on are a little optimistic; reports use
-    the validation split.
-    """
-    cache_grasps(tune, network.scene, folder / "tune_grasps", n_views=1, seed=1)
-    grasps = GraspCache(folder / "tune_grasps")
-    network.calibration.copy_(torch.tensor([1.0, 0.0]))
-    raw, labels = predict(network, grasps)
-    network.calibration.copy_(torch.tensor(platt_scaling(raw, labels)))
-    probabilities, labels = predict(network, grasps)
-    return {
-        "tune": {
-            "grasps": len(labels),
-            "positive": float(np.mean(labels)),
-            "auc": roc_auc(probabilities, labels),
-            "ap": average_precision(probabilities, labels),
-            "ece": expected_calibration_error(probabilities, labels),
-            "iou": occupancy_iou(
-                network.scene, SceneCache(folder / "tune_scenes"), IOU_SCENES
-            ),
-        }
-    }
 
 
 def render_scenes(scenes: Sequence[SceneLabels], folder: Path, workers: int) -> None:

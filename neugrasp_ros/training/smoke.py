@@ -4,16 +4,20 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from neugrasp_ros.config import NetworkConfig, TrainConfig
 from neugrasp_ros.datagen.candidates import CandidateConfig
 from neugrasp_ros.datagen.labels import SceneJob, SceneLabels, label_scene
 from neugrasp_ros.model import GraspNetwork
+from neugrasp_ros.training.batches import GraspCache
+from neugrasp_ros.training.calibration import affordance_figures
 from neugrasp_ros.training.metrics import roc_auc
 from neugrasp_ros.training.occupancy import SceneCache, occupancy_iou
-from neugrasp_ros.training.quality import GraspCache, predict
+from neugrasp_ros.training.quality import predict
 from neugrasp_ros.training.run import render_scenes, train_stage
+from sim_bridge.objects.affordances import AFFORDANCE_NAMES
 
 N_SCENES = 4
 SMALL_NETWORK = NetworkConfig(
@@ -26,16 +30,21 @@ SMALL_NETWORK = NetworkConfig(
     local_points=64,
     pointnet_width=32,
     pointnet_out=64,
+    affordances=AFFORDANCE_NAMES,
 )
 STAGES = (
     TrainConfig(
         stage="occupancy", steps=300, scenes_per_step=4, points_per_scene=1024,
         learning_rate=3e-3,
     ),
-    TrainConfig(stage="quality", steps=80, scenes_per_step=4, grasps_per_scene=16),
+    TrainConfig(
+        stage="quality", steps=80, scenes_per_step=4, grasps_per_scene=16,
+        w_affordance=1.0,
+    ),
 )  # fmt: skip
 LEARNED_IOU = 0.5
 LEARNED_AUC = 0.9
+LEARNED_AP = 0.9
 
 
 def smoke_test(folder: Path, seed: int = 0) -> dict[str, Any]:
@@ -46,7 +55,8 @@ def smoke_test(folder: Path, seed: int = 0) -> dict[str, Any]:
         seed: Seed of scenes and training.
 
     Returns:
-        ``iou``, ``auc`` on what was trained on, and ``learned``: both are high.
+        ``iou``, ``auc`` of the quality and ``ap`` of the affordances (mean over those
+        that occur) on what was trained on, and ``learned``: all are high.
     """
     torch.manual_seed(seed)
     scenes = [_label(index, seed) for index in range(N_SCENES)]
@@ -55,11 +65,19 @@ def smoke_test(folder: Path, seed: int = 0) -> dict[str, Any]:
     for config in STAGES:
         train_stage(network, config, folder, scenes)
     network.eval()
-    probabilities, labels = predict(network, GraspCache(folder / "grasps"))
+    scores = predict(network, GraspCache(folder / "grasps").entries)
     iou = occupancy_iou(network.scene, SceneCache(folder / "scenes"), N_SCENES)
-    auc = roc_auc(probabilities, labels)
-    learned = iou > LEARNED_IOU and auc > LEARNED_AUC
-    return {"iou": iou, "auc": auc, "grasps": len(labels), "learned": bool(learned)}
+    auc = roc_auc(scores.quality, scores.labels)
+    classes = affordance_figures(scores, AFFORDANCE_NAMES).values()
+    ap = float(np.nanmean([figures["ap"] for figures in classes]))
+    learned = iou > LEARNED_IOU and auc > LEARNED_AUC and ap > LEARNED_AP
+    return {
+        "iou": iou,
+        "auc": auc,
+        "ap": ap,
+        "grasps": len(scores.labels),
+        "learned": bool(learned),
+    }
 
 
 def _label(index: int, seed: int) -> SceneLabels:
@@ -68,7 +86,7 @@ def _label(index: int, seed: int) -> SceneLabels:
             index=index,
             seed=seed,
             kind="packed",
-            objects="procedural",
+            objects="affordance",
             split="train",
             gripper="panda",
             preset="fast",

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Labelled grasps on a box, seen by a network that completes a diamond in its place."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -16,7 +16,10 @@ from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
 from neugrasp_ros.training import views
 from neugrasp_ros.training.cache import POINT_SCALE, render_entry
 from neugrasp_ros.training.grasps import (
+    NOT_KNOWN,
+    affordance_targets,
     cache_grasps,
+    known_affordances,
     load_grasps,
     save_grasps,
     view_grasps,
@@ -95,6 +98,39 @@ def test_a_truncated_entry_is_told(entry, tmp_path, share):
     path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(ShardError, match="0.npz: not a whole grasp entry"):
         load_grasps(path)
+
+
+def afford(labels, column=5):
+    """Let every grasp of a scene afford one class."""
+    affordances = np.zeros((len(labels.grasps), 7), dtype=np.uint8)
+    affordances[:, column] = 1
+    return replace(labels, grasps=replace(labels.grasps, affordances=affordances))
+
+
+def test_affordances_are_known_of_grasps_that_hold():
+    labels = afford(labels_of(TOP, SIDE, TOP))
+    assert labels.grasps.labels.tolist() == [0, 1, 0]
+    assert known_affordances(labels).tolist() == [False, True, False]
+    targets = affordance_targets(labels)
+    assert targets[1].tolist() == [0, 0, 0, 0, 0, 1, 0]
+    assert (targets[[0, 2]] == NOT_KNOWN).all()
+
+
+def test_a_scene_without_a_labelled_object_says_nothing():
+    labels = labels_of(TOP, SIDE)
+    assert not known_affordances(labels).any()
+    named = replace(labels.scene.objects[0], set_name="affordance")
+    labels = replace(labels, scene=replace(labels.scene, objects=(named,)))
+    assert known_affordances(labels).tolist() == [False, True]
+    assert affordance_targets(labels)[1].tolist() == [0] * 7
+
+
+def test_an_entry_keeps_affordances_and_poses_with_their_grasps(network):
+    rng = np.random.default_rng(0)
+    labels = afford(labels_of(ASTRAY, SIDE, TOP))
+    entry = view_grasps(labels, network, rng, views=FROM_ABOVE)
+    assert entry.affordances[:, 5].tolist() == [1, NOT_KNOWN]
+    np.testing.assert_allclose(entry.poses, [SIDE, TOP], atol=1e-6)
 
 
 def test_no_grasp_at_a_surface_means_no_entry(network):

@@ -10,13 +10,7 @@ from labelled import CENTER, SIDE, TOP, labels_of
 from neugrasp_ros.config import NetworkConfig, TrainConfig
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.training.cache import load_entry
-from neugrasp_ros.training.quality import GraspCache, predict
-from neugrasp_ros.training.run import (
-    DEFAULT_STAGES,
-    calibrate,
-    render_scenes,
-    train_stage,
-)
+from neugrasp_ros.training.run import DEFAULT_STAGES, render_scenes, train_stage
 
 NETWORK = NetworkConfig(
     plane_resolution=8,
@@ -66,18 +60,6 @@ def test_a_scene_without_objects_is_not_rendered(tmp_path):
     empty = replace(empty, scene=replace(empty.scene, objects=()))
     render_scenes([empty], tmp_path / "scenes", workers=1)
     assert list((tmp_path / "scenes").iterdir()) == []
-
-
-def test_calibration_brings_the_mean_to_the_rate_and_says_how_good_it_is(
-    network, rendered
-):
-    figures = calibrate(network, rendered, [labels_of(*HANDS, index=7)])["tune"]
-    assert set(figures) == {"grasps", "positive", "auc", "ap", "ece", "iou"}
-    assert figures["grasps"] > 2
-    assert 0 <= figures["iou"] <= 1
-    assert not torch.equal(network.calibration, torch.tensor([1.0, 0.0]))
-    probabilities, labels = predict(network, GraspCache(rendered / "tune_grasps"))
-    assert probabilities.mean() == pytest.approx(labels.mean(), abs=0.02)
 
 
 def test_the_quality_stage_trains_the_detector_alone(network, tmp_path):

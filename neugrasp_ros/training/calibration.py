@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make the predicted probabilities honest on the tuning split."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from neugrasp_ros.datagen.labels import SceneLabels
+from neugrasp_ros.model import GraspNetwork
+from neugrasp_ros.training.batches import GraspCache
+from neugrasp_ros.training.grasps import cache_grasps
+from neugrasp_ros.training.metrics import (
+    average_precision,
+    expected_calibration_error,
+    platt_scaling,
+    roc_auc,
+)
+from neugrasp_ros.training.occupancy import SceneCache, occupancy_iou
+from neugrasp_ros.training.quality import Predictions, predict
+
+IOU_SCENES = 200
+MIN_EXAMPLES = 10  # of either kind; with fewer a class keeps its raw probability
+
+
+def calibrate(
+    network: GraspNetwork, folder: Path, tune: Sequence[SceneLabels]
+) -> dict[str, Any]:
+    """Fit the calibration on the tuning split and say how good the network is there.
+
+    Quality and every affordance class get a scale and a bias of their own. The figures
+    of a split that was calibrated on are a little optimistic; reports use the
+    validation split.
+
+    Args:
+        network: Gets its calibration.
+        folder: The run's; holds the rendered scenes of the split.
+        tune: The split.
+    """
+    cache_grasps(tune, network.scene, folder / "tune_grasps", n_views=1, seed=1)
+    entries = GraspCache(folder / "tune_grasps").entries
+    classes = network.config.affordances
+    network.calibration.copy_(torch.tensor([1.0, 0.0]))
+    if classes:
+        same = torch.tensor([1.0, 0.0]).repeat(len(classes), 1)
+        network.affordance_calibration.copy_(same)
+    raw = predict(network, entries)
+    network.calibration.copy_(torch.tensor(platt_scaling(raw.quality, raw.labels)))
+    for column in range(len(classes)):
+        afforded = raw.afforded[raw.known, column]
+        if min(afforded.sum(), (1 - afforded).sum()) < MIN_EXAMPLES:
+            continue
+        fitted = platt_scaling(raw.affordances[raw.known, column], afforded)
+        network.affordance_calibration[column] = torch.tensor(fitted)
+    scores = predict(network, entries)
+    iou = occupancy_iou(network.scene, SceneCache(folder / "tune_scenes"), IOU_SCENES)
+    figures: dict[str, Any] = {"tune": {**quality_figures(scores), "iou": iou}}
+    if classes:
+        figures["tune_affordances"] = affordance_figures(scores, classes)
+    return figures
+
+
+def quality_figures(scores: Predictions) -> dict[str, float]:
+    """Return how well the quality tells successes from failures."""
+    return {
+        "grasps": len(scores.labels),
+        "positive": float(np.mean(scores.labels)),
+        "auc": roc_auc(scores.quality, scores.labels),
+        "ap": average_precision(scores.quality, scores.labels),
+        "ece": expected_calibration_error(scores.quality, scores.labels),
+    }
+
+
+def affordance_figures(
+    scores: Predictions, classes: Iterable[str]
+) -> dict[str, dict[str, float]]:
+    """Return how well each class is told, over the grasps that hold.
+
+    Returns:
+        By class: grasps, positives, prevalence, ap, auc, ece.
+    """
+    figures = {}
+    for column, name in enumerate(classes):
+        predicted = scores.affordances[scores.known, column]
+        afforded = scores.afforded[scores.known, column]
+        figures[name] = {
+            "grasps": len(afforded),
+            "positives": int(afforded.sum()),
+            "prevalence": float(afforded.mean()) if len(afforded) else float("nan"),
+            "ap": average_precision(predicted, afforded),
+            "auc": roc_auc(predicted, afforded),
+            "ece": expected_calibration_error(predicted, afforded),
+        }
+    return figures

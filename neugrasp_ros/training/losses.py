@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Losses that torch does not have."""
+
+import torch
+from torch import Tensor
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+EPSILON = 1e-6
+
+
+def affordance_loss(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
+    """Return cross entropy plus dice, summed over the classes (method sheet, e).
+
+    With p the predicted and t the true values of a class, S a sum over the grasps:
+
+        dice = 1 - (S(p t) + e) / (S(p + t) + e)
+                 - (S((1 - p)(1 - t)) + e) / (S(2 - p - t) + e)
+
+    Grasps that are not known, failed ones above all, count in neither term.
+
+    Args:
+        logits: Shape (G, A).
+        targets: 0 or 1, shape (G, A).
+        known: Which grasps count, shape (G,).
+
+    Returns:
+        A scalar; 0 if no grasp counts.
+    """
+    weight = known.to(logits.dtype)[:, None]
+    entropy = binary_cross_entropy_with_logits(logits, targets, reduction="none")
+    entropy = (weight * entropy).sum(dim=0) / weight.sum().clamp(min=1.0)
+    p = logits.sigmoid()
+    both = (weight * p * targets).sum(dim=0)
+    neither = (weight * (1 - p) * (1 - targets)).sum(dim=0)
+    yes = (weight * (p + targets)).sum(dim=0)
+    no = (weight * (2 - p - targets)).sum(dim=0)
+    dice = 1 - (both + EPSILON) / (yes + EPSILON) - (neither + EPSILON) / (no + EPSILON)
+    return torch.where(known.any(), (entropy + dice).sum(), logits.sum() * 0.0)
