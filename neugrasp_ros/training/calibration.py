@@ -1,25 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the predicted probabilities honest on the tuning split."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from neugrasp_ros.datagen.labels import SceneLabels
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.training.batches import GraspCache
+from neugrasp_ros.training.figures import affordance_figures, quality_figures
 from neugrasp_ros.training.grasps import cache_grasps
-from neugrasp_ros.training.metrics import (
-    average_precision,
-    expected_calibration_error,
-    platt_scaling,
-    roc_auc,
-)
+from neugrasp_ros.training.metrics import platt_scaling
 from neugrasp_ros.training.occupancy import SceneCache, occupancy_iou
-from neugrasp_ros.training.quality import Predictions, predict
+from neugrasp_ros.training.quality import predict
 
 IOU_SCENES = 200
 MIN_EXAMPLES = 10  # of either kind; with fewer a class keeps its raw probability
@@ -59,38 +54,4 @@ def calibrate(
     figures: dict[str, Any] = {"tune": {**quality_figures(scores), "iou": iou}}
     if classes:
         figures["tune_affordances"] = affordance_figures(scores, classes)
-    return figures
-
-
-def quality_figures(scores: Predictions) -> dict[str, float]:
-    """Return how well the quality tells successes from failures."""
-    return {
-        "grasps": len(scores.labels),
-        "positive": float(np.mean(scores.labels)),
-        "auc": roc_auc(scores.quality, scores.labels),
-        "ap": average_precision(scores.quality, scores.labels),
-        "ece": expected_calibration_error(scores.quality, scores.labels),
-    }
-
-
-def affordance_figures(
-    scores: Predictions, classes: Iterable[str]
-) -> dict[str, dict[str, float]]:
-    """Return how well each class is told, over the grasps that hold.
-
-    Returns:
-        By class: grasps, positives, prevalence, ap, auc, ece.
-    """
-    figures = {}
-    for column, name in enumerate(classes):
-        predicted = scores.affordances[scores.known, column]
-        afforded = scores.afforded[scores.known, column]
-        figures[name] = {
-            "grasps": len(afforded),
-            "positives": int(afforded.sum()),
-            "prevalence": float(afforded.mean()) if len(afforded) else float("nan"),
-            "ap": average_precision(predicted, afforded),
-            "auc": roc_auc(predicted, afforded),
-            "ece": expected_calibration_error(predicted, afforded),
-        }
     return figures

@@ -2,7 +2,7 @@
 """Later stages: the detector learns on the network's own renders, alone or jointly."""
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -145,22 +145,26 @@ class Predictions(NamedTuple):
     known: NDArray[np.bool_]
 
 
+def merged(parts: Iterable[Predictions]) -> Predictions:
+    """Return the predictions of several entries or scenes as one."""
+    columns: list[Any] = [np.concatenate(same) for same in zip(*parts, strict=True)]
+    return Predictions(*columns)
+
+
 @torch.no_grad()
 def predict(network: GraspNetwork, entries: Iterable[GraspEntry]) -> Predictions:
     """Score all grasps of entries, in their order."""
-    parts = []
-    for entry in entries:
-        batch = whole_batch(entry)
-        planes = network.scene.encode(batch.volumes)
-        quality, affordance = grasp_logits(network, planes, batch)
-        parts.append(
-            Predictions(
-                network.probability(quality).numpy(),
-                batch.labels.numpy(),
-                network.affordance_probability(affordance).numpy(),
-                batch.affordances.numpy(),
-                batch.known.numpy(),
-            )
-        )
-    columns = zip(*parts, strict=True)
-    return Predictions(*(np.concatenate(column) for column in columns))
+    return merged(_predict_entry(network, entry) for entry in entries)
+
+
+def _predict_entry(network: GraspNetwork, entry: GraspEntry) -> Predictions:
+    batch = whole_batch(entry)
+    planes = network.scene.encode(batch.volumes)
+    quality, affordance = grasp_logits(network, planes, batch)
+    return Predictions(
+        network.probability(quality).numpy(),
+        batch.labels.numpy(),
+        network.affordance_probability(affordance).numpy(),
+        batch.affordances.numpy(),
+        batch.known.numpy(),
+    )

@@ -10,12 +10,8 @@ from labelled import CENTER, SIDE, TOP, labels_of
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.training.batches import GraspCache
-from neugrasp_ros.training.calibration import (
-    affordance_figures,
-    calibrate,
-    quality_figures,
-)
-from neugrasp_ros.training.quality import Predictions, predict
+from neugrasp_ros.training.calibration import calibrate
+from neugrasp_ros.training.quality import predict
 from neugrasp_ros.training.run import render_scenes
 
 NETWORK = NetworkConfig(
@@ -61,30 +57,3 @@ def test_calibration_brings_means_to_their_rates_and_says_how_good_it_is(rendere
     assert scores.quality.mean() == pytest.approx(scores.labels.mean(), abs=0.02)
     pour = scores.affordances[scores.known, 1].mean()
     assert pour == pytest.approx(scores.afforded[scores.known, 1].mean(), abs=0.02)
-
-
-def test_figures_of_a_class_count_only_grasps_that_are_known():
-    scores = Predictions(
-        quality=np.array([0.9, 0.2, 0.8, 0.7], dtype=np.float32),
-        labels=np.array([1, 0, 1, 1], dtype=np.float32),
-        affordances=np.array([[0.9], [0.95], [0.1], [0.8]], dtype=np.float32),
-        afforded=np.array([[1], [0], [0], [0]], dtype=np.float32),
-        known=np.array([True, False, True, True]),
-    )
-    assert quality_figures(scores)["auc"] == 1.0
-    figures = affordance_figures(scores, ("pour",))["pour"]
-    assert figures["grasps"] == 3
-    assert figures["positives"] == 1
-    assert figures["prevalence"] == pytest.approx(1 / 3)
-    assert figures["ap"] == figures["auc"] == 1.0
-
-
-def test_a_class_that_nothing_is_known_of_has_no_figures():
-    nothing = np.zeros((2, 1), dtype=np.float32)
-    scores = Predictions(
-        nothing[:, 0], nothing[:, 0], nothing, nothing, np.zeros(2, dtype=bool)
-    )
-    figures = affordance_figures(scores, ("pour",))["pour"]
-    assert figures["grasps"] == 0
-    assert np.isnan(figures["ap"])
-    assert np.isnan(figures["prevalence"])
