@@ -20,6 +20,7 @@ from neugrasp_ros.training.run import render_scenes, train_stage
 from sim_bridge.objects.affordances import AFFORDANCE_NAMES
 
 N_SCENES = 4
+OBJECTS = ("affordance", "procedural")
 SMALL_NETWORK = NetworkConfig(
     plane_resolution=16,
     channels=16,
@@ -86,7 +87,7 @@ def _label(index: int, seed: int) -> SceneLabels:
             index=index,
             seed=seed,
             kind="packed",
-            objects="affordance",
+            objects=OBJECTS[index % len(OBJECTS)],
             split="train",
             gripper="panda",
             preset="fast",
