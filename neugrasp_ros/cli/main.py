@@ -12,7 +12,7 @@ from neugrasp_ros.errors import NeuGraspError
 
 COMMANDS = (
     "demo", "up", "detect", "doctor", "transport", "warm",
-    "datagen", "train", "evaluate", "bench", "profile",
+    "datagen", "agreement", "train", "evaluate", "bench", "profile",
 )  # fmt: skip
 USAGE = 64  # exit code for a wrong command line, as in sysexits.h
 FAILURE = 1
