@@ -75,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
             start=args.start,
         )
     )
-    print(json.dumps(card, indent=1))
+    if card:
+        print(json.dumps(card, indent=1))
     return 0
 
 

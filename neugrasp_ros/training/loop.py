@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The optimisation loop that all stages share: schedule, progress, checkpoints.
 
-Started by ``torchrun``, every process takes its share of the scenes and gradients are
-averaged by ``torch.distributed``.
+Started by ``torchrun``, all processes begin with the first one's weights, every process
+draws its own scenes, and gradients are averaged by ``torch.distributed``.
 """
 
 import json
@@ -16,11 +16,18 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import torch.distributed as dist
 from torch import Tensor, nn
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import CheckpointError
+from neugrasp_ros.training.curves import Curves
+from neugrasp_ros.training.distributed import (
+    average_gradients,
+    is_first_process,
+    process_count,
+    process_rank,
+    share_weights,
+)
 
 LOGGER = logging.getLogger(__name__)
 REPORT_SECONDS = 15.0
@@ -55,15 +62,19 @@ class Progress:
     count: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
 
-    def add(self, step: int, losses: dict[str, Tensor]) -> None:
-        """Add one step's losses; log a line every quarter of a minute."""
+    def add(self, step: int, losses: dict[str, Tensor]) -> bool:
+        """Add one step's losses; log a line every quarter of a minute.
+
+        Returns:
+            Whether the history has grown.
+        """
         self.done += 1
         self.count += 1
         for name, value in losses.items():
             self.sums[name] = self.sums.get(name, 0.0) + float(value.detach())
         now = time.monotonic()
         if now - self.reported < REPORT_SECONDS and step + 1 < self.steps:
-            return
+            return False
         means = {name: total / self.count for name, total in self.sums.items()}
         rate = self.done / (now - self.started)
         left = (self.steps - step - 1) / rate
@@ -74,6 +85,7 @@ class Progress:
             step + 1, self.steps, text, rate, left / 60,
         )  # fmt: skip
         self.reported, self.count, self.sums = now, 0, {}
+        return True
 
 
 def optimise(
@@ -86,10 +98,11 @@ def optimise(
 
     Args:
         model: The trained parameters are those that require gradients.
-        loss_of_step: Returns the named losses of a step; they are summed.
+        loss_of_step: Returns the named losses of a step; they are summed. With
+            several processes each gets numbers of its own, and so draws its own batch.
         config: Steps, step size, checkpoint interval.
-        folder: Holds ``state.pt``, from which a killed run goes on, and
-            ``history.json``.
+        folder: Holds ``state.pt``, from which a killed run goes on, ``history.json``,
+            ``curves.png``, and scalars for TensorBoard.
 
     Returns:
         Mean losses over time.
@@ -104,36 +117,27 @@ def optimise(
     folder.mkdir(parents=True, exist_ok=True)
     progress = Progress(config.steps)
     start = _restore(folder / "state.pt", model, optimiser, config, progress)
+    share_weights(model)
+    curves = Curves(folder, start) if is_first_process() else None
     saved = time.monotonic()
     for step in range(start, config.steps):
         for group in optimiser.param_groups:
             group["lr"] = learning_rate_at(step, config)
-        losses = loss_of_step(step)
+        losses = loss_of_step(step * process_count() + process_rank())
         optimiser.zero_grad(set_to_none=True)
         torch.stack(list(losses.values())).sum().backward()
-        _average_gradients(trained)
+        average_gradients(trained)
         nn.utils.clip_grad_norm_(trained, GRADIENT_NORM)
         optimiser.step()
-        progress.add(step, losses)
+        if progress.add(step, losses) and curves:
+            curves.add(progress.history[-1], learning_rate_at(step, config))
         if time.monotonic() - saved > config.checkpoint_seconds:
             _save(folder, model, optimiser, config, step + 1, progress)
             saved = time.monotonic()
     _save(folder, model, optimiser, config, config.steps, progress)
+    if curves:
+        curves.close(progress.history)
     return progress.history
-
-
-def _average_gradients(parameters: list[nn.Parameter]) -> None:
-    """Average gradients over the processes of a ``torchrun``; nothing for one."""
-    if not (dist.is_available() and dist.is_initialized()):
-        return
-    for parameter in parameters:
-        if parameter.grad is not None:
-            dist.all_reduce(parameter.grad)
-            parameter.grad /= dist.get_world_size()
-
-
-def _is_first_process() -> bool:
-    return not (dist.is_available() and dist.is_initialized()) or dist.get_rank() == 0
 
 
 def _save(
@@ -144,7 +148,7 @@ def _save(
     step: int,
     progress: Progress,
 ) -> None:
-    if not _is_first_process():
+    if not is_first_process():
         return
     state = {
         "stage": config.stage,

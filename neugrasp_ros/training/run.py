@@ -19,6 +19,11 @@ from neugrasp_ros.model import GraspNetwork, file_sha256, save_network, warm_sta
 from neugrasp_ros.training.batches import GraspCache
 from neugrasp_ros.training.cache import render_entry, save_entry
 from neugrasp_ros.training.calibration import calibrate
+from neugrasp_ros.training.distributed import (
+    first_on_machine,
+    is_first_process,
+    processes,
+)
 from neugrasp_ros.training.grasps import cache_grasps, known_affordances
 from neugrasp_ros.training.loop import optimise
 from neugrasp_ros.training.occupancy import OccupancyStage, SceneCache
@@ -78,7 +83,8 @@ def train(run: TrainingRun) -> dict[str, Any]:
         run: Data, folders, network and stages.
 
     Returns:
-        The card: figures on the tuning split, and what they were trained on.
+        The card: figures on the tuning split, and what they were trained on. Of the
+        processes of a ``torchrun`` the first returns it, the others nothing.
 
     Raises:
         CheckpointError: If the weights to begin with do not fit the network.
@@ -89,17 +95,38 @@ def train(run: TrainingRun) -> dict[str, Any]:
         for labels in load_shards(folder)
     ]
     tune = list(load_shards(run.tune))
+    with processes():
+        network = _run_stages(run, scenes, tune)
+        return _finish(run, network, scenes, tune) if is_first_process() else {}
+
+
+def _run_stages(
+    run: TrainingRun, scenes: Sequence[SceneLabels], tune: Sequence[SceneLabels]
+) -> GraspNetwork:
+    """Render what is missing, train, and return the network."""
     network = _new_network(run, scenes)
-    render_scenes(scenes, run.folder / "scenes", run.workers)
-    render_scenes(tune, run.folder / "tune_scenes", run.workers)
-    card: dict[str, Any] = {"stages": [asdict(stage) for stage in run.stages]}
-    if run.start is not None:
-        card["start"] = file_sha256(run.start)
+    with first_on_machine() as mine:
+        if mine:
+            render_scenes(scenes, run.folder / "scenes", run.workers)
+            render_scenes(tune, run.folder / "tune_scenes", run.workers)
     for config in run.stages:
         torch.set_num_threads(config.threads or torch.get_num_threads())
         train_stage(network, config, run.folder, scenes)
         LOGGER.info("stage %s is done", config.stage)
     network.eval()
+    return network
+
+
+def _finish(
+    run: TrainingRun,
+    network: GraspNetwork,
+    scenes: Sequence[SceneLabels],
+    tune: Sequence[SceneLabels],
+) -> dict[str, Any]:
+    """Calibrate, write the weights, and return their card."""
+    card: dict[str, Any] = {"stages": [asdict(stage) for stage in run.stages]}
+    if run.start is not None:
+        card["start"] = file_sha256(run.start)
     card |= calibrate(network, run.folder, tune)
     card["scenes"] = len(scenes)
     card["labels"] = int(sum(len(s.grasps.labels) for s in scenes))
@@ -137,10 +164,12 @@ def train_stage(
         optimise(network.scene, stage, config, out)
         return
     network.eval()
-    cache_grasps(
-        scenes, network.scene, folder / "grasps",
-        n_views=GRASP_VIEWS_PER_SCENE, seed=config.seed,
-    )  # fmt: skip
+    with first_on_machine() as mine:
+        if mine:
+            cache_grasps(
+                scenes, network.scene, folder / "grasps",
+                n_views=GRASP_VIEWS_PER_SCENE, seed=config.seed,
+            )  # fmt: skip
     grasps = GraspCache(folder / "grasps")
     network.train()
     if config.stage == "quality":

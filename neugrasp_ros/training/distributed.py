@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several processes as one training, when ``torchrun`` has started them."""
+
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+import torch
+import torch.distributed as dist
+from torch import nn
+
+
+@contextmanager
+def processes() -> Iterator[None]:
+    """Join the other processes of a ``torchrun`` around a block; nothing for one."""
+    if int(os.environ.get("WORLD_SIZE", "1")) <= 1:
+        yield
+        return
+    dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+    try:
+        yield
+    finally:
+        dist.destroy_process_group()
+
+
+def is_distributed() -> bool:
+    """Tell whether there are other processes."""
+    return bool(dist.is_available() and dist.is_initialized())
+
+
+def process_count() -> int:
+    """Return how many processes train together."""
+    return dist.get_world_size() if is_distributed() else 1
+
+
+def process_rank() -> int:
+    """Return the number of this process, from 0."""
+    return dist.get_rank() if is_distributed() else 0
+
+
+def is_first_process() -> bool:
+    """Tell whether this process is the one that writes."""
+    return process_rank() == 0
+
+
+@contextmanager
+def first_on_machine() -> Iterator[bool]:
+    """Let one process of each machine do a block's work while the others wait.
+
+    Yields:
+        True in the process that is to do it.
+    """
+    yield int(os.environ.get("LOCAL_RANK", "0")) == 0
+    if is_distributed():
+        dist.barrier()
+
+
+def share_weights(model: nn.Module) -> None:
+    """Give all processes the first one's parameters and buffers."""
+    if is_distributed():
+        for value in model.state_dict().values():
+            dist.broadcast(value, src=0)
+
+
+def average_gradients(parameters: Iterable[nn.Parameter]) -> None:
+    """Replace gradients by their mean over the processes.
+
+    A parameter that this process has not used counts as zero there.
+    """
+    if not is_distributed():
+        return
+    for parameter in parameters:
+        if parameter.grad is None:
+            parameter.grad = torch.zeros_like(parameter)
+        dist.all_reduce(parameter.grad)
+        parameter.grad /= dist.get_world_size()
