@@ -20,9 +20,19 @@ def add_parser(
         "grasp, 1: none (the reason is printed), 2: the suite is not running, still "
         "starting, or did not answer in time, 64: wrong usage.",
     )
-    parser.add_argument("--affordance", default="", help="such as pour, or cut|stab")
+    parser.add_argument(
+        "--affordance", default="", help="such as pour, cut|stab (any), pour&lift (all)"
+    )
     parser.add_argument("--max-grasps", type=count, default=0, metavar="N")
     parser.add_argument("--min-quality", type=float, default=-1.0, metavar="Q")
+    parser.add_argument("--min-affordance", type=float, default=-1.0, metavar="P")
+    parser.add_argument(
+        "--roi", type=float, nargs=6, metavar=("X", "Y", "Z", "DX", "DY", "DZ"),
+        help="centre and edges of a box to look in [m]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--roi-frame", default="", help="its frame; default that of the answer"
+    )
     parser.add_argument("--frame", default="", help="frame of the answer")
     parser.add_argument(
         "--arm", action="append", default=[], help="planning group; may come twice"
@@ -57,6 +67,9 @@ def run(args: argparse.Namespace) -> int:
                 affordance=args.affordance,
                 max_grasps=args.max_grasps,
                 min_quality=args.min_quality,
+                min_affordance=args.min_affordance,
+                roi=args.roi,
+                roi_frame=args.roi_frame,
                 frame_id=args.frame,
                 arms=args.arm,
                 scene=("current", "fresh", "reset").index(args.scene),
@@ -74,16 +87,32 @@ def run(args: argparse.Namespace) -> int:
 
 def _table(answer: dict) -> str:
     """Return an answer for people."""
-    lines = [f"{answer['code']}: {answer['message']}"]
+    counts = ", ".join(f"{k} {v}" for k, v in answer["counts"].items())
+    lines = [f"{answer['code']}: {answer['message']}", counts]
     if answer["grasps"]:
         lines.append(f"frame {answer['frame_id']}, tool frame {answer['tcp_frame']}")
-        lines.append("  id     quality  width[mm]  x      y      z      arm")
+        lines.append(
+            "  id     quality  width[mm]  x      y      z      arm             good for"
+        )
     for grasp in answer["grasps"]:
         x, y, z = grasp["position"]
         lines.append(
             f"  {grasp['id']:<6} {grasp['quality']:7.3f}  {1e3 * grasp['width']:9.1f}  "
-            f"{x:6.3f} {y:6.3f} {z:6.3f} {grasp['arm']}"
+            f"{x:6.3f} {y:6.3f} {z:6.3f} {grasp['arm']:<15} "
+            f"{_served(grasp, answer['affordance_labels'])}"
         )
     spent = {k: v for k, v in answer["seconds"].items() if v > 0}
     lines.append(", ".join(f"{k} {1e3 * v:.0f} ms" for k, v in spent.items()))
     return "\n".join(lines)
+
+
+def _served(grasp: dict, labels: list[str]) -> str:
+    """Return what a grasp is good for, with probabilities."""
+    from neugrasp_ros.grasp.queries import good_for
+
+    scores = grasp["affordance_scores"]
+    if len(scores) != len(labels) or not labels:
+        return ""
+    by_name = dict(zip(labels, scores, strict=True))
+    known = [f"{name} {by_name[name]:.2f}" for name in good_for(scores, labels)]
+    return ", ".join(known) or "not known"

@@ -3,11 +3,13 @@
 
 import math
 import threading
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, Vector3
 from neugrasp_msgs.msg import Grasp
 from neugrasp_msgs.srv import DetectGrasps
 from rclpy.client import Client
@@ -77,11 +79,20 @@ class SuiteClient:
             raise NoAnswerError(f"no answer from {client.srv_name} in {timeout} s")
         return future.result()
 
-    def detect(self, *, timeout: float, **fields: Any) -> dict[str, Any]:
+    def detect(
+        self,
+        *,
+        timeout: float,
+        roi: Sequence[float] | None = None,
+        roi_frame: str = "",
+        **fields: Any,
+    ) -> dict[str, Any]:
         """Ask for grasps and return the answer as plain values.
 
         Args:
             timeout: Of the request in [s].
+            roi: Centre and edges of an upright box to look in [m]; None = everywhere.
+            roi_frame: Frame of the box; empty = the server's target frame.
             fields: Fields of ``DetectGrasps.Request``.
 
         Raises:
@@ -90,6 +101,12 @@ class SuiteClient:
         client = self.node.create_client(DetectGrasps, "detect_grasps")
         whole = math.floor(timeout)
         request = DetectGrasps.Request(**fields)
+        if roi is not None:
+            x, y, z, *edges = map(float, roi)
+            request.roi_pose.header.frame_id = roi_frame
+            request.roi_pose.pose.position = Point(x=x, y=y, z=z)
+            request.roi_pose.pose.orientation.w = 1.0
+            request.roi_size = Vector3(x=edges[0], y=edges[1], z=edges[2])
         request.timeout = Duration(sec=whole, nanosec=int((timeout - whole) * 1e9))
         return as_values(self.call(client, request, timeout))
 

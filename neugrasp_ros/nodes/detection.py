@@ -13,12 +13,13 @@ from neugrasp_msgs.msg import Grasp as GraspMessage
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.grasp.queries import parse_query
 from neugrasp_ros.nodes.grasp_list import GraspList, Reach
 from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
 from neugrasp_ros.nodes.planner_stages import Box, Staged
 from neugrasp_ros.nodes.requests import REACH_FIRST, REACH_LAST, Wanted
 from neugrasp_ros.nodes.scene_view import SceneView
-from neugrasp_ros.nodes.selection import parse_query, ranked, with_query
+from neugrasp_ros.nodes.selection import ranked, with_query
 from neugrasp_ros.nodes.settings import ServerConfig
 
 FloatArray = NDArray[np.float64]
@@ -158,7 +159,7 @@ class Detection:
             grasps = self._reachable(grasps)
         scored = with_query(self._score(grasps, view), query)
         scored = self._above(scored)
-        best = ranked(scored, self._config.rank_by, self._config.nms)
+        best = ranked(scored, self._config)
         self._outcome.grasps = self._answer(best)
         if wanted.reachability == REACH_LAST:
             best = self._reachable(best)
@@ -228,9 +229,9 @@ class Detection:
             if not len(good):
                 raise DetectionError(
                     Code.NONE_WITH_AFFORDANCE,
-                    f"the best of {report.after_quality} good grasps affords "
-                    f"{scored.info.query!r} with {best:.2f}, asked for "
-                    f"{wanted.min_affordance:.2f}",
+                    f"the best of {report.after_quality} good grasps (of "
+                    f"{len(scored)} candidates) affords {scored.info.query!r} with "
+                    f"{best:.2f}, asked for {wanted.min_affordance:.2f}",
                 )
         report.after_affordance = len(good)
         return good

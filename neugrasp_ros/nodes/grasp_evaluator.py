@@ -14,6 +14,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from neugrasp_ros.config import PlannerConfig
+from neugrasp_ros.grasp.queries import parse_query
 from neugrasp_ros.nodes.conversions import (
     from_grasp_array,
     from_tsdf,
@@ -26,7 +27,6 @@ from neugrasp_ros.nodes.qos import latched, newest, overrides
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.selection import (
     describe,
-    parse_query,
     rank_scores,
     ranked,
     with_query,
@@ -91,7 +91,7 @@ class GraspEvaluatorNode(Node):
         view = self.stage.view_of(grasps, time.monotonic() + VOLUME_WAIT)
         scored = self.stage.evaluate(grasps, view).grasps
         good = scored.take(scored.grasps.quality >= config.min_quality)
-        best = ranked(good, config.rank_by, config.nms)
+        best = ranked(good, config)
         self._scored.publish(to_grasp_array(best))
 
     def _on_evaluate(
@@ -103,7 +103,7 @@ class GraspEvaluatorNode(Node):
             view = self.stage.view_of(grasps, time.monotonic() + VOLUME_WAIT)
             staged = self.stage.evaluate(grasps, view)
             scored = with_query(staged.grasps, query)
-            order = rank_scores(scored, self._config.current.rank_by).argsort()[::-1]
+            order = rank_scores(scored, self._config.current).argsort()[::-1]
             info = replace(scored.info, stamp=view.stamp, revision=view.revision)
             response.grasps = to_grasp_array(replace(scored.take(order), info=info))
             response.message = to_timings(staged.seconds)

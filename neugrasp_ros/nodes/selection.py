@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which scored grasps are answered: affordance queries, thresholds, order."""
+"""Scored grasps in the order they are answered in, and what they serve."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neugrasp_ros.errors import ConfigError, UnknownAffordanceError
+from neugrasp_ros.grasp.queries import Query, expected_gain
 from neugrasp_ros.grasp.ranking import distinct
 from neugrasp_ros.nodes.grasp_list import GraspList
-from neugrasp_ros.nodes.settings import NmsConfig
+from neugrasp_ros.nodes.settings import SelectionConfig
 
 FloatArray = NDArray[np.float64]
 
-ANY, ALL = "|", "&"
 DESCRIPTIONS = {
     "handover": "A grasp that leaves the part for a person's hand free.",
     "cut": "A grasp from which the blade can cut.",
@@ -25,80 +24,31 @@ DESCRIPTIONS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Query:
-    """An affordance query.
-
-    Attributes:
-        text: As it was asked; empty = any grasp.
-        names: The classes in it.
-        every: All of them must hold, not any.
-    """
-
-    text: str = ""
-    names: tuple[str, ...] = ()
-    every: bool = False
-
-    def score(self, affordances: FloatArray, labels: tuple[str, ...]) -> FloatArray:
-        """Return the queried score of each grasp, NaN without a query.
-
-        Any of several takes the largest probability, all of several the smallest.
-
-        Args:
-            affordances: Probability per class, shape (G, A).
-            labels: Names of the classes.
-        """
-        if not self.names:
-            return np.full(len(affordances), np.nan)
-        columns = affordances[:, [labels.index(name) for name in self.names]]
-        return np.asarray(columns.min(axis=1) if self.every else columns.max(axis=1))
-
-
-def parse_query(text: str, labels: tuple[str, ...]) -> Query:
-    """Read ``pour``, ``cut|stab`` (any of them) or ``pour&lift`` (all of them).
-
-    Case and spaces do not matter.
-
-    Raises:
-        UnknownAffordanceError: If a name is none of ``labels``.
-        ConfigError: If both signs are mixed or a name is empty.
-    """
-    if not text.strip():
-        return Query()
-    if ANY in text and ALL in text:
-        raise ConfigError(f"affordance {text!r}: '|' and '&' cannot be mixed")
-    names = [name.strip().lower() for name in text.split(ALL if ALL in text else ANY)]
-    if not all(names):
-        raise ConfigError(f"affordance {text!r}: a name is missing")
-    known = {label.lower(): label for label in labels}
-    for name in names:
-        if name not in known:
-            raise UnknownAffordanceError("affordance", name, labels)
-    return Query(text, tuple(known[name] for name in names), ALL in text)
-
-
-def rank_scores(grasps: GraspList, rank_by: str) -> FloatArray:
+def rank_scores(grasps: GraspList, config: SelectionConfig) -> FloatArray:
     """Return what grasps are ordered by, higher first, shape (G,).
 
     Args:
         grasps: Scored grasps in a frame whose z is up.
-        rank_by: ``quality``, ``affordance``, their product, or ``height``; without a
-            query the affordance counts as 1.
+        config: ``rank_by``: ``quality``, ``affordance``, their product with
+            ``affordance_weight`` (``expected_gain``), or ``height``. Without a query
+            the affordance counts as 1.
     """
     quality = np.nan_to_num(grasps.grasps.quality, nan=0.0)
-    affordance = np.nan_to_num(grasps.affordance, nan=1.0)
-    if rank_by == "height":
+    if config.rank_by == "height":
         return grasps.grasps.poses[:, 2, 3]
-    if rank_by == "affordance":
+    if config.rank_by == "affordance":
+        affordance = np.nan_to_num(grasps.affordance, nan=1.0)
         return affordance + 1e-6 * quality  # quality decides between equals
-    return quality if rank_by == "quality" else quality * affordance
+    if config.rank_by == "quality":
+        return quality
+    return expected_gain(quality, grasps.affordance, config.affordance_weight)
 
 
-def ranked(grasps: GraspList, rank_by: str, nms: NmsConfig) -> GraspList:
+def ranked(grasps: GraspList, config: SelectionConfig) -> GraspList:
     """Return distinct grasps, best first."""
     if not len(grasps):
         return grasps
-    scores = rank_scores(grasps, rank_by)
+    scores, nms = rank_scores(grasps, config), config.nms
     rows = distinct(
         grasps.grasps.poses, scores, nms.distance, float(np.deg2rad(nms.angle_deg))
     )

@@ -142,6 +142,9 @@ class SelectionConfig(Checked):
         "What is best",
         choices=("quality", "affordance", "quality*affordance", "height"),
     )
+    affordance_weight: float = option(
+        1.0, "Exponent of the affordance in quality*affordance; 0 = quality", 0.0, 10.0
+    )
     nms: NmsConfig = part(NmsConfig, "When two grasps count as one")
 
 

@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("neugrasp_msgs")
 
+from neugrasp_ros.cli.detect import _table  # noqa: E402
 from neugrasp_ros.cli.main import main  # noqa: E402
 from neugrasp_ros.model import default_weights  # noqa: E402
 
@@ -83,3 +84,22 @@ def test_the_suite_of_processes_answers_with_the_real_network(
         os.kill(suite.pid, signal.SIGINT)
         code = suite.wait(60)
     assert code == 0, path.read_text()
+
+
+def test_an_answer_says_what_each_grasp_is_good_for_and_how_many_were_left():
+    grasp = {
+        "id": "g1", "position": [0.1, 0.2, 0.3], "width": 0.08, "quality": 0.9,
+        "arm": "left", "affordance_scores": [0.2, 0.7],
+    }  # fmt: skip
+    answer = {
+        "code": "NONE", "message": "2 grasps", "frame_id": "base", "tcp_frame": "tcp",
+        "affordance_labels": ["cut", "pour"], "seconds": {"total": 0.5},
+        "counts": {"sampled": 40, "after_affordance": 2},
+        "grasps": [grasp, {**grasp, "id": "g2", "affordance_scores": [0.2, 0.3]}],
+    }  # fmt: skip
+    lines = _table(answer).splitlines()
+    assert lines[1] == "sampled 40, after_affordance 2"
+    assert lines[-3].split()[-2:] == ["pour", "0.70"]
+    assert lines[-2].endswith("not known")
+    answer["affordance_labels"] = []
+    assert "not known" not in _table(answer)
