@@ -21,7 +21,7 @@ MIN_QUALITY = 0.5  # below it a grasp is not worth trying (method sheet, a8)
 REPEAT_DISTANCE = 0.02  # [m], of the TCP, and
 REPEAT_ANGLE = 0.35  # [rad], of the approach: nearer is the grasp that failed before
 
-POLICIES = ("neugrasp", "random", "geometry")
+POLICIES = ("neugrasp", "random", "geometry", "scored")
 
 
 @dataclass
@@ -76,6 +76,18 @@ def neugrasp_policy(config: PlannerConfig) -> Policy:
     return choose
 
 
+def scored_policy(config: PlannerConfig) -> Policy:
+    """Return the policy that answers every candidate with its scores, unranked."""
+    planning = _Planning(config)
+
+    def choose(look: Look, rng: np.random.Generator) -> Plan:
+        planner, scene, grasps = planning.candidates(look, rng)
+        scored = planner.evaluate(scene, grasps, support_height=look.table_height)
+        return Plan(scored, dict(planner.timings), len(grasps), planner.affordances)
+
+    return choose
+
+
 def random_policy(config: PlannerConfig) -> Policy:
     """Return the floor that takes any collision-free candidate of the same sampler."""
     planning = _Planning(config)
@@ -112,6 +124,7 @@ def make_policy(name: str, config: PlannerConfig) -> Policy:
         "neugrasp": neugrasp_policy,
         "random": random_policy,
         "geometry": geometry_policy,
+        "scored": scored_policy,
     }
     if name not in makers:
         raise UnknownNameError("policy", name, makers)

@@ -18,6 +18,8 @@ from neugrasp_ros.errors import ConfigError, EmptySceneError, UnknownNameError
 from neugrasp_ros.geometry.gripper import Gripper, load_gripper
 from neugrasp_ros.grasp.types import GraspSet
 from sim_bridge.gripper import SimGripper
+from sim_bridge.objects.affordance import SET_NAME as AFFORDANCE_SET
+from sim_bridge.objects.affordance import held_out_names
 from sim_bridge.objects.registry import ObjectSet, object_set, split
 from sim_bridge.observation import (
     DepthView,
@@ -35,6 +37,7 @@ from sim_bridge.world import TABLE_HEIGHT, World
 FloatArray = NDArray[np.float64]
 
 FAILURES_TO_STOP = 2  # in a row
+HELD_OUT = "held_out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +75,8 @@ class Suite:
         scene: Scene kind.
         view: Name of the view.
         objects: Object set, by name or folder.
-        part: Part of the set to draw from: ``train``, ``tune``, ``val`` or ``all``.
+        part: Part of the set to draw from: ``train``, ``tune``, ``val``, ``all``, or
+            ``held_out``: affordance objects of styles or seeds never learned from.
         gripper: Gripper, by name or file.
         protocol: A name of ``PROTOCOLS``.
         seed: Seed of the run; round k depends on the seed and k alone.
@@ -127,11 +131,13 @@ class Plan(NamedTuple):
         grasps: Grasps, best first; empty if it finds none good enough.
         timings: Seconds per stage.
         n_candidates: How many grasps it looked at.
+        classes: Names of the grasps' affordance classes.
     """
 
     grasps: GraspSet
     timings: Mapping[str, float] = {}
     n_candidates: int = 0
+    classes: tuple[str, ...] = ()
 
 
 Policy = Callable[[Look, np.random.Generator], Plan]
@@ -175,22 +181,9 @@ def run_round(
     Raises:
         ConfigError: If the part of the set that the suite names is empty.
     """
-    objects = (sets or {}).get(suite.objects) or object_set(suite.objects)
-    names = objects.names if suite.part == "all" else split(objects.names, suite.part)
-    if not names:
-        raise ConfigError(f"the part {suite.part!r} of {suite.objects!r} is empty")
     with World() as world:
-        round_ = _Round(suite, index, world)
-        scene = build_scene(
-            world,
-            suite.scene,
-            objects,
-            names,
-            round_.scene_rng,
-            count=suite.count,
-            seed=suite.seed,
-        )
-        round_.placed = dict(zip(world.object_ids, scene.objects, strict=True))
+        round_ = Round(suite, index, world)
+        scene = round_.build(sets)
         ended = round_.run(policy, watch)
         return RoundRecord(
             index=index,
@@ -202,27 +195,70 @@ def run_round(
         )
 
 
-class _Round:
-    """State of one round."""
+def part_names(objects: ObjectSet, part: str) -> tuple[str, ...]:
+    """Return the names of a part of an object set.
+
+    Raises:
+        ConfigError: If it is empty.
+    """
+    if part == "all":
+        return objects.names
+    if part == HELD_OUT:
+        names = tuple(held_out_names()) if objects.name == AFFORDANCE_SET else ()
+    else:
+        names = split(objects.names, part)
+    if not names:
+        raise ConfigError(f"the part {part!r} of {objects.name!r} is empty")
+    return names
+
+
+class Round:
+    """State of one round.
+
+    Args:
+        suite: What is benchmarked.
+        index: Number of the round; with the suite's seed it determines everything.
+        world: The world to use.
+    """
 
     def __init__(self, suite: Suite, index: int, world: World) -> None:
         self._suite, self._world, self._index = suite, world, index
         self._protocol = PROTOCOLS[suite.protocol]
-        self._trial = trial_config(suite.protocol)
-        self._gripper = load_gripper(suite.gripper)
+        self.trial = trial_config(suite.protocol)
+        self.gripper = load_gripper(suite.gripper)
         self._failed: list[FloatArray] = []
         self.placed: dict[int, PlacedObject] = {}
         self.attempts: list[AttemptRecord] = []
         streams = np.random.SeedSequence([suite.seed, index]).spawn(4)
         generators = [np.random.default_rng(stream) for stream in streams]
-        self.scene_rng, self._view_rng, self._noise_rng, self._policy_rng = generators
+        self._scene_rng, self._view_rng, self._noise_rng, self.policy_rng = generators
+
+    def build(self, sets: Mapping[str, ObjectSet] | None = None) -> Scene:
+        """Put the round's objects into the world, and return where they lie.
+
+        Raises:
+            ConfigError: If the part of the set that the suite names is empty.
+        """
+        suite = self._suite
+        objects = (sets or {}).get(suite.objects) or object_set(suite.objects)
+        scene = build_scene(
+            self._world,
+            suite.scene,
+            objects,
+            part_names(objects, suite.part),
+            self._scene_rng,
+            count=suite.count,
+            seed=suite.seed,
+        )
+        self.placed = dict(zip(self._world.object_ids, scene.objects, strict=True))
+        return scene
 
     def run(self, policy: Policy, watch: Watcher | None) -> str:
         """Attempt until the round ends; return why it ended."""
         failures = empty_answers = 0
         while self._world.object_ids:
             try:
-                look = self._look()
+                look = self.look()
                 plan, seconds = self._plan(policy, look)
             except EmptySceneError:
                 return "empty_view"
@@ -239,7 +275,8 @@ class _Round:
                 return "failures"
         return "cleared"
 
-    def _look(self) -> Look:
+    def look(self) -> Look:
+        """Take the next picture."""
         truth = world_meshes(self._world)
         pose = draw_view(
             self._suite.view, self._view_rng, any_azimuth=self._protocol.any_azimuth
@@ -250,23 +287,28 @@ class _Round:
             self._noise_rng,
             noise=self._suite.noise or self._protocol.noise,
         )
-        return Look(view, self._gripper, TABLE_HEIGHT, tuple(self._failed), truth)
+        return Look(view, self.gripper, TABLE_HEIGHT, tuple(self._failed), truth)
 
     def _plan(self, policy: Policy, look: Look) -> tuple[Plan, float]:
         start = time.perf_counter()
-        plan = policy(look, self._policy_rng)
+        plan = policy(look, self.policy_rng)
         return plan, time.perf_counter() - start
+
+    def openings(self, grasps: GraspSet) -> FloatArray:
+        """Return how far the jaws open for grasps by the protocol, in [m], (G,)."""
+        limit = self.gripper.max_opening
+        if self._protocol.full_opening:
+            return np.full(len(grasps), limit)
+        return np.clip(grasps.widths, 0.0, limit)
 
     def _attempt(
         self, look: Look, plan: Plan, seconds: float, watch: Watcher | None
     ) -> AttemptRecord:
         T_task_gripper = plan.grasps.poses[0]
-        opening = self._gripper.max_opening
-        if not self._protocol.full_opening:
-            opening = float(np.clip(plan.grasps.widths[0], 0.0, opening))
+        opening = float(self.openings(plan.grasps)[0])
         before = self._scene()
-        hand = SimGripper(self._world, self._gripper)
-        result = run_trial(self._world, hand, T_task_gripper, opening, self._trial)
+        hand = SimGripper(self._world, self.gripper)
+        result = run_trial(self._world, hand, T_task_gripper, opening, self.trial)
         record = AttemptRecord(
             round_index=self._index,
             number=len(self.attempts),

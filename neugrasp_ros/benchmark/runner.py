@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run the rounds of a suite, in this process or in several."""
+"""Run the rounds of a suite, or probe its scenes, in one process or in several."""
 
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
 
+from neugrasp_ros.benchmark.probes import ProbeRecord, probe_scene
 from neugrasp_ros.benchmark.protocol import Policy, Suite, Watcher, run_round
 from neugrasp_ros.benchmark.records import RoundRecord
 from neugrasp_ros.errors import SimulationError
 
+Record = TypeVar("Record")
 Setup = Callable[[], tuple[Policy, Watcher | None]]
 """Makes a policy, and who watches it; runs once in every worker, so it must pickle."""
 
@@ -19,9 +22,32 @@ _worker: dict[str, tuple[Policy, Watcher | None]] = {}
 def run_suite(
     suite: Suite, indices: Sequence[int], setup: Setup, workers: int = 1
 ) -> Iterator[RoundRecord]:
-    """Run rounds; their records do not depend on the number of workers.
+    """Run rounds; see ``run_jobs``."""
+    return run_jobs(run_round, suite, indices, setup, workers)
+
+
+def run_probes(
+    suite: Suite, indices: Sequence[int], setup: Setup, workers: int = 1
+) -> Iterator[ProbeRecord]:
+    """Probe scenes; see ``run_jobs``."""
+    return run_jobs(_probe, suite, indices, setup, workers)
+
+
+def _probe(suite: Suite, index: int, policy: Policy, _: Watcher | None) -> ProbeRecord:
+    return probe_scene(suite, index, policy)
+
+
+def run_jobs(
+    work: Callable[[Suite, int, Policy, Watcher | None], Record],
+    suite: Suite,
+    indices: Sequence[int],
+    setup: Setup,
+    workers: int = 1,
+) -> Iterator[Record]:
+    """Work on the rounds of a suite; the records do not depend on the workers.
 
     Args:
+        work: Makes the record of one round; a function that processes can import.
         suite: What is benchmarked.
         indices: Numbers of the rounds.
         setup: Makes the policy in each worker.
@@ -36,12 +62,14 @@ def run_suite(
     if workers <= 1:
         policy, watch = setup()
         for index in indices:
-            yield run_round(suite, index, policy, watch)
+            yield work(suite, index, policy, watch)
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, _start_worker, (setup,)) as pool:
         try:
-            jobs = [pool.submit(_run_in_worker, suite, index) for index in indices]
+            jobs = [
+                pool.submit(_run_in_worker, work, suite, index) for index in indices
+            ]
             for job in jobs:
                 yield job.result()
         except BrokenProcessPool as error:
@@ -52,6 +80,10 @@ def _start_worker(setup: Setup) -> None:
     _worker["setup"] = setup()
 
 
-def _run_in_worker(suite: Suite, index: int) -> RoundRecord:
+def _run_in_worker(
+    work: Callable[[Suite, int, Policy, Watcher | None], Record],
+    suite: Suite,
+    index: int,
+) -> Record:
     policy, watch = _worker["setup"]
-    return run_round(suite, index, policy, watch)
+    return work(suite, index, policy, watch)

@@ -14,14 +14,19 @@ def add_parser(
     """Add the command and its options."""
     parser = subparsers.add_parser("bench", help="clutter-removal rounds in physics")
     add = parser.add_argument
-    add("--scene", default="pile", choices=("pile", "packed", "egad"))
+    add(
+        "--scene", default="pile", choices=("pile", "packed", "egad", "affordance"),
+        help="affordance: piles of held-out affordance objects, asked about each class",
+    )  # fmt: skip
     add("--view", default="random", choices=("fixed", "random", "hard"))
-    add("--objects", default="procedural", metavar="DIR|NAME")
-    add("--part", default="val", choices=("train", "tune", "val", "all"))
+    add("--objects", metavar="DIR|NAME", help="default procedural, or affordance")
+    add("--part", choices=("train", "tune", "val", "all", "held_out"),
+        help="default val, or held_out")  # fmt: skip
     add("--gripper", default="panda", metavar="NAME|FILE")
     add("--protocol", default="vgn", choices=("vgn", "strict"))
     add("--policy", default="neugrasp", choices=("neugrasp", "random", "geometry"))
     add("--rounds", type=int, default=100)
+    add("--probes", type=int, help="scenes asked about each class; default --rounds")
     add("--seed", type=int, default=0)
     add("--workers", type=int, default=1)
     add("--weights", default="", help="weights file; default the shipped one")
@@ -47,8 +52,16 @@ def run(args: argparse.Namespace) -> int:
 
     if args.rounds < 1:
         raise ConfigError(f"--rounds must be positive, got {args.rounds}")
-    names = ("scene", "view", "objects", "part", "gripper", "protocol", "seed")
-    suite = Suite(**{name: getattr(args, name) for name in names})
+    served = args.scene == "affordance"
+    suite = Suite(
+        scene="pile" if served else args.scene,
+        view=args.view,
+        objects=args.objects or ("affordance" if served else "procedural"),
+        part=args.part or ("held_out" if served else "val"),
+        gripper=args.gripper,
+        protocol=args.protocol,
+        seed=args.seed,
+    )
     config = PlannerConfig(weights=args.weights, gripper=args.gripper, threads=1)
     setup = partial(_setup, args.policy, config)
     rounds = []
@@ -57,7 +70,28 @@ def run(args: argparse.Namespace) -> int:
         print(say(rounds, args.rounds), flush=True)
     command = "neugrasp " + " ".join(sys.argv[1:])
     result = figures(suite, args.policy, rounds, args.weights, command)
+    if served:
+        count = args.rounds if args.probes is None else args.probes
+        result["affordance"] = _probe(suite, count, config, args.workers)
     if args.json:
         write_report(args.json, result)
     print({k: v for k, v in result.items() if k not in ("rounds", "attempt_list")})
     return 0
+
+
+def _probe(suite: Any, count: int, config: Any, workers: int) -> dict[str, Any]:
+    """Ask scenes about each class; return the figures."""
+    import numpy as np
+
+    from neugrasp_ros.benchmark.probe_figures import summarize_probes
+    from neugrasp_ros.benchmark.runner import run_probes
+    from neugrasp_ros.pipeline import GraspPlanner
+
+    classes = GraspPlanner(config).affordances
+    probes = []
+    for probe in run_probes(
+        suite, range(count), partial(_setup, "scored", config), workers
+    ):
+        probes.append(probe)
+        print(f"probe {len(probes)}/{count}: {probe.n_tried} grasps tried", flush=True)
+    return summarize_probes(probes, classes, np.random.default_rng(0))

@@ -11,7 +11,7 @@ from neugrasp_ros.geometry.transform import translation
 
 
 def test_unknown_policy_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(UnknownNameError, match="geometry, neugrasp, random"):
+    with pytest.raises(UnknownNameError, match="geometry, neugrasp, random, scored"):
         make_policy("best", PlannerConfig())
 
 
