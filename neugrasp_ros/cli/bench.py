@@ -31,6 +31,10 @@ def add_parser(
     add("--workers", type=int, default=1)
     add("--weights", default="", help="weights file; default the shipped one")
     add("--json", type=Path, help="where the figures go")
+    add(
+        "--table", type=Path, metavar="FOLDER",
+        help="run nothing: print the paper's table with the figures in a folder",
+    )  # fmt: skip
     parser.set_defaults(run=run)
 
 
@@ -47,9 +51,13 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.benchmark.protocol import Suite
     from neugrasp_ros.benchmark.report import figures, say, write_report
     from neugrasp_ros.benchmark.runner import run_suite
+    from neugrasp_ros.benchmark.table import load_results, markdown_table
     from neugrasp_ros.config import PlannerConfig
     from neugrasp_ros.errors import ConfigError
 
+    if args.table:
+        print(markdown_table(load_results(args.table)))
+        return 0
     if args.rounds < 1:
         raise ConfigError(f"--rounds must be positive, got {args.rounds}")
     served = args.scene == "affordance"
