@@ -169,6 +169,10 @@ class TrainConfig(Checked):
         300.0, "Time between checkpoints [s]", 1.0, 600.0
     )
     threads: int = option(0, "Torch threads; 0 = all cores", 0, 256)
+    device: str = option(
+        "auto", "Where to train: a GPU if there is one", choices=("auto", "cpu", "cuda")
+    )
+    bfloat16: bool = option(True, "Mixed precision where the device is a GPU")
 
 
 def load_config(config_type: type[Config], path: str | Path) -> Config:

@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import CheckpointError
 from neugrasp_ros.training.curves import Curves
+from neugrasp_ros.training.device import device_of, mixed_precision
 from neugrasp_ros.training.distributed import (
     average_gradients,
     is_first_process,
@@ -123,7 +124,8 @@ def optimise(
     for step in range(start, config.steps):
         for group in optimiser.param_groups:
             group["lr"] = learning_rate_at(step, config)
-        losses = loss_of_step(step * process_count() + process_rank())
+        with mixed_precision(config, device_of(model)):
+            losses = loss_of_step(step * process_count() + process_rank())
         optimiser.zero_grad(set_to_none=True)
         torch.stack(list(losses.values())).sum().backward()
         average_gradients(trained)

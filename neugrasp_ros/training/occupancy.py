@@ -15,6 +15,7 @@ from neugrasp_ros.errors import EmptySceneError
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.scene.network import SceneNetwork
 from neugrasp_ros.training.cache import POINT_SCALE, SceneEntry, entry_paths, load_entry
+from neugrasp_ros.training.device import device_of, moved
 from neugrasp_ros.training.views import dequantise
 
 RESCAN_STEPS = 100  # how often new entries of the cache are looked for
@@ -130,6 +131,7 @@ class OccupancyStage:
             self._cache.rescan()
         rng = np.random.default_rng([self._config.seed, step])
         batch = draw_batch(self._cache, self._config, rng)
+        batch = moved(batch, device_of(self._network))
         planes = self._network.encode(batch.volumes)
         logits = self._network.occupancy(planes, batch.points)
         loss = binary_cross_entropy_with_logits(logits, batch.occupied)

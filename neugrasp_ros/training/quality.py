@@ -18,6 +18,7 @@ from neugrasp_ros.training.batches import (
     make_batch,
     whole_batch,
 )
+from neugrasp_ros.training.device import device_of, moved
 from neugrasp_ros.training.grasps import GraspEntry
 from neugrasp_ros.training.losses import affordance_loss
 from neugrasp_ros.training.occupancy import OccupancyStage
@@ -78,7 +79,8 @@ class QualityStage:
         size = self.config.scenes_per_step
         chosen = rng.integers(len(self._cache), size=size).tolist()
         entries = [self._cache.entries[i] for i in chosen]
-        return chosen, make_batch(entries, self.config.grasps_per_scene, rng)
+        batch = make_batch(entries, self.config.grasps_per_scene, rng)
+        return chosen, moved(batch, device_of(self.network))
 
     def __call__(self, step: int) -> dict[str, Tensor]:
         """Return the loss of a step."""
@@ -91,8 +93,9 @@ class QualityStage:
     @torch.no_grad()
     def _encoded(self, index: int, volume: Tensor) -> Tensor:
         if index not in self._planes:
-            self._planes[index] = self.network.scene.encode(volume[None])[0].half()
-        return self._planes[index].float()
+            planes = self.network.scene.encode(volume[None])[0]
+            self._planes[index] = planes.half().cpu()
+        return self._planes[index].float().to(volume.device)
 
 
 class JointStage(QualityStage):

@@ -19,6 +19,7 @@ from neugrasp_ros.model import GraspNetwork, file_sha256, save_network, warm_sta
 from neugrasp_ros.training.batches import GraspCache
 from neugrasp_ros.training.cache import render_entry, save_entry
 from neugrasp_ros.training.calibration import calibrate
+from neugrasp_ros.training.device import training_device
 from neugrasp_ros.training.distributed import (
     first_on_machine,
     is_first_process,
@@ -112,6 +113,7 @@ def _run_stages(
     for config in run.stages:
         torch.set_num_threads(config.threads or torch.get_num_threads())
         train_stage(network, config, run.folder, scenes)
+        network.cpu()
         LOGGER.info("stage %s is done", config.stage)
     network.eval()
     return network
@@ -156,10 +158,12 @@ def train_stage(
     folder: Path,
     scenes: Sequence[SceneLabels],
 ) -> None:
-    """Run one stage, preparing what it reads."""
+    """Run one stage on its device, preparing what it reads."""
+    device = training_device(config)
     network.train()
     out = folder / config.stage
     if config.stage == "occupancy":
+        network.to(device)
         stage = OccupancyStage(network.scene, SceneCache(folder / "scenes"), config)
         optimise(network.scene, stage, config, out)
         return
@@ -171,7 +175,7 @@ def train_stage(
                 n_views=GRASP_VIEWS_PER_SCENE, seed=config.seed,
             )  # fmt: skip
     grasps = GraspCache(folder / "grasps")
-    network.train()
+    network.train().to(device)
     if config.stage == "quality":
         optimise(network.detector, QualityStage(network, grasps, config), config, out)
         return

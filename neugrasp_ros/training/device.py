@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a stage is trained, and in which precision."""
+
+import os
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+import torch
+from torch import nn
+
+from neugrasp_ros.config import TrainConfig
+from neugrasp_ros.errors import ConfigError
+
+Batch = TypeVar("Batch", bound=Any)
+
+
+def training_device(config: TrainConfig) -> torch.device:
+    """Return the device of a stage; with several processes each takes its own GPU.
+
+    Raises:
+        ConfigError: If a GPU is asked for and there is none.
+    """
+    available = torch.cuda.is_available()
+    if config.device == "cuda" and not available:
+        raise ConfigError("device is 'cuda', but torch finds no GPU; use 'auto'")
+    if config.device == "cpu" or not available:
+        return torch.device("cpu")
+    return torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
+
+
+def device_of(model: nn.Module) -> torch.device:
+    """Return where a model's parameters are."""
+    return next(model.parameters()).device
+
+
+def moved(batch: Batch, device: torch.device) -> Batch:
+    """Return a dataclass of tensors on a device."""
+    return replace(
+        batch, **{f.name: getattr(batch, f.name).to(device) for f in fields(batch)}
+    )
+
+
+def mixed_precision(config: TrainConfig, device: torch.device) -> torch.autocast:
+    """Return the context in which losses are computed; plain float32 on a CPU."""
+    return torch.autocast(
+        device.type,
+        dtype=torch.bfloat16,
+        enabled=config.bfloat16 and device.type == "cuda",
+    )
