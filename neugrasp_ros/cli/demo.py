@@ -26,7 +26,10 @@ def add_parser(
     parser.add_argument("--scene", default="pile", help="pile or packed")
     parser.add_argument("--objects", type=int, default=5)
     parser.add_argument("--separate", action="store_true", help="one process per node")
-    parser.add_argument("--affordance", default="", help="such as pour, or cut|stab")
+    parser.add_argument(
+        "--affordance", default="",
+        help="such as pour: affordance objects, each class asked for, this one tried",
+    )  # fmt: skip
     parser.add_argument("--picture", type=Path, default=Path("out/demo.png"))
     parser.add_argument("--json", type=Path, help="write the attempts here, too")
     parser.set_defaults(run=run)
@@ -72,6 +75,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _clear(args: argparse.Namespace) -> dict[str, Any]:
+    if args.affordance:
+        return _ask(args)
     from neugrasp_ros.nodes.demo_run import run_demo
 
     return run_demo(
@@ -79,6 +84,19 @@ def _clear(args: argparse.Namespace) -> dict[str, Any]:
         seed=args.seed,
         n_objects=args.objects,
         affordance=args.affordance,
+        picture=args.picture,
+        start_timeout=START_TIMEOUT,
+        say=lambda line: print(line, flush=True),
+    )
+
+
+def _ask(args: argparse.Namespace) -> dict[str, Any]:
+    from neugrasp_ros.nodes.affordance_demo import run_affordance_demo
+
+    return run_affordance_demo(
+        seed=args.seed,
+        n_objects=args.objects,
+        query=args.affordance,
         picture=args.picture,
         start_timeout=START_TIMEOUT,
         say=lambda line: print(line, flush=True),

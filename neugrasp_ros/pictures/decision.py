@@ -90,7 +90,7 @@ def draw_decision(
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=13)
     grid = figure.add_gridspec(1, 5, width_ratios=(1.2, 1, 1, 1, 0.9), wspace=0.04)
-    _draw_depth(figure.add_subplot(grid[0]), decision.depth)
+    draw_depth(figure.add_subplot(grid[0]), decision.depth)
     panels = [figure.add_subplot(grid[i], projection="3d") for i in (1, 2, 3)]
     draw_surface(panels[0], decision.surface)
     some = slice(0, SHOWN_CANDIDATES)
@@ -110,7 +110,9 @@ def draw_decision(
         f"{len(decision.candidates)} candidates",
         f"{len(decision.grasps)} ranked grasps, best in bold",
     )
-    lower, edge = _close_up(decision)
+    lower, edge = decision.lower, decision.edge
+    if len(decision.surface) and edge > CLOSE_UP:
+        lower, edge = close_up(decision.surface)
     for axes, text in zip(panels, titles, strict=True):
         frame_cube(axes, lower, edge, text)
     _draw_attempts(figure.add_subplot(grid[4]), attempts)
@@ -118,15 +120,16 @@ def draw_decision(
     figure.savefig(path, bbox_inches="tight")
 
 
-def _close_up(decision: Decision) -> tuple[FloatArray, float]:
-    """Return corner and edge of a cube around the surface, or the whole workspace."""
-    if not len(decision.surface) or decision.edge <= CLOSE_UP:
-        return decision.lower, decision.edge
-    middle = (decision.surface.min(axis=0) + decision.surface.max(axis=0)) / 2
+def close_up(surface: FloatArray) -> tuple[FloatArray, float]:
+    """Return lower corner and edge of a cube in the middle of a surface (N, 3)."""
+    if not len(surface):
+        return np.zeros(3), CLOSE_UP
+    middle = (surface.min(axis=0) + surface.max(axis=0)) / 2
     return middle - CLOSE_UP / 2, CLOSE_UP
 
 
-def _draw_depth(axes: Any, depth: NDArray[np.float32]) -> None:
+def draw_depth(axes: Any, depth: NDArray[np.float32]) -> None:
+    """Add the picture of a depth image (H, W) in [m], NaN = not measured."""
     valid = depth[np.isfinite(depth) & (depth > 0)]
     low, high = np.percentile(valid, (1, 95)) if len(valid) else (0.0, 1.0)
     axes.imshow(depth, cmap="magma_r", vmin=low, vmax=high)
