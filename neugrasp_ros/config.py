@@ -88,6 +88,11 @@ class NetworkConfig(Checked):
         "shared", "Plane features of local points", choices=("shared", "none")
     )
     local_points: int = option(128, "Local surface points per grasp", 16, 4096)
+    local_view: str = option(
+        "rendered",
+        "What the detector reads: the local surface, fixed points, or the TCP alone",
+        choices=("rendered", "grid", "centre"),
+    )
     pointnet_width: int = option(64, "Width of the first PointNet layer", 8, 512)
     pointnet_out: int = option(256, "Width of the pooled PointNet feature", 16, 2048)
     affordances: tuple[str, ...] = option((), "Affordance classes that have a head")

@@ -22,6 +22,7 @@ from neugrasp_ros.errors import ConfigError, EmptySceneError, RevisionError, Sha
 from neugrasp_ros.fusion.tsdf import TsdfVolume
 from neugrasp_ros.geometry.grid import ScalarGrid
 from neugrasp_ros.geometry.gripper import Gripper, load_gripper
+from neugrasp_ros.grasp.ablation import restricted_inputs
 from neugrasp_ros.grasp.inputs import MIN_HITS, LocalInputs, assemble_inputs
 from neugrasp_ros.grasp.sampling import SamplerConfig, sample_candidates
 from neugrasp_ros.grasp.types import GraspSet
@@ -258,6 +259,7 @@ class GraspPlanner:
                     support_height=support_height,
                     threads=self._threads,
                 )
+                inputs = restricted_inputs(inputs, grasps.poses, shape.local_view)
             with self._timed("quality"):
                 quality, affordances = self._score(scene, inputs)
             quality[inputs.hits < MIN_HITS] = 0.0

@@ -35,6 +35,10 @@ def add_parser(
         help="steps of the stages, such as occupancy=3600,joint=600; 0 skips one",
     )
     parser.add_argument(
+        "--local-view", default="rendered", choices=("rendered", "grid", "centre"),
+        help="ablations: detectors that do not see the local surface",
+    )  # fmt: skip
+    parser.add_argument(
         "--w-aff", type=float, help="weight of the affordance loss; default 0.15"
     )
     parser.add_argument("--seed", type=int, default=0)
@@ -69,7 +73,9 @@ def run(args: argparse.Namespace) -> int:
             tune=args.tune,
             folder=args.out,
             weights=args.weights or args.out / "neugrasp.safetensors",
-            network=replace(network, affordances=AFFORDANCE_NAMES),
+            network=replace(
+                network, affordances=AFFORDANCE_NAMES, local_view=args.local_view
+            ),
             stages=_stages(args),
             workers=args.workers,
             start=args.start,

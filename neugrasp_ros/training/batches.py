@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neugrasp_ros.errors import EmptySceneError
+from neugrasp_ros.grasp.ablation import RENDERED, restricted_inputs
 from neugrasp_ros.grasp.inputs import LocalInputs, mirror_inputs
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.training.cache import POINT_SCALE
 from neugrasp_ros.training.grasps import NOT_KNOWN, GraspEntry, load_grasps
-from neugrasp_ros.training.views import dequantise
+from neugrasp_ros.training.views import EDGE, dequantise
 
 LOCAL_POINTS_PER_SCENE = 512
 
@@ -68,7 +69,10 @@ class GraspBatch:
 
 
 def make_batch(
-    entries: Sequence[GraspEntry], n_grasps: int, rng: np.random.Generator
+    entries: Sequence[GraspEntry],
+    n_grasps: int,
+    rng: np.random.Generator,
+    local_view: str = RENDERED,
 ) -> GraspBatch:
     """Draw grasps of each entry, with replacement where it has too few.
 
@@ -78,6 +82,7 @@ def make_batch(
         entries: One view of a scene each.
         n_grasps: Grasps per entry.
         rng: Source of randomness.
+        local_view: What the detector may see, see ``restricted_inputs``.
     """
     rows, inputs, local = [], [], []
     for entry in entries:
@@ -86,27 +91,30 @@ def make_batch(
         if count < n_grasps:
             drawn = np.concatenate([drawn, rng.integers(count, size=n_grasps - count)])
         rows.append(drawn)
-        inputs.append(half_mirrored(inputs_of(entry, drawn), rng))
+        inputs.append(half_mirrored(inputs_of(entry, drawn, local_view), rng))
         local.append(rng.integers(len(entry.local_points), size=LOCAL_POINTS_PER_SCENE))
     return _stack(entries, rows, inputs, local)
 
 
-def whole_batch(entry: GraspEntry) -> GraspBatch:
+def whole_batch(entry: GraspEntry, local_view: str = RENDERED) -> GraspBatch:
     """Return all grasps of an entry in their order, as they were seen."""
     rows = np.arange(len(entry.labels))
-    return _stack(
-        [entry], [rows], [inputs_of(entry, rows)], [np.arange(len(entry.local_points))]
-    )
+    inputs = inputs_of(entry, rows, local_view)
+    return _stack([entry], [rows], [inputs], [np.arange(len(entry.local_points))])
 
 
-def inputs_of(entry: GraspEntry, rows: NDArray[np.int64]) -> LocalInputs:
+def inputs_of(
+    entry: GraspEntry, rows: NDArray[np.int64], local_view: str = RENDERED
+) -> LocalInputs:
     """Return the detector's inputs of some grasps; points are in units of the edge."""
-    return LocalInputs(
+    inputs = LocalInputs(
         entry.points[rows].astype(np.float32) / np.float32(POINT_SCALE),
         entry.point_features[rows].astype(np.float32),
         entry.tokens[rows],
         np.zeros(len(rows), dtype=np.int32),
     )
+    poses = entry.poses[rows].astype(np.float64)
+    return restricted_inputs(inputs, poses, local_view, EDGE)
 
 
 def half_mirrored(inputs: LocalInputs, rng: np.random.Generator) -> LocalInputs:

@@ -79,7 +79,8 @@ class QualityStage:
         size = self.config.scenes_per_step
         chosen = rng.integers(len(self._cache), size=size).tolist()
         entries = [self._cache.entries[i] for i in chosen]
-        batch = make_batch(entries, self.config.grasps_per_scene, rng)
+        view = self.network.config.local_view
+        batch = make_batch(entries, self.config.grasps_per_scene, rng, view)
         return chosen, moved(batch, device_of(self.network))
 
     def __call__(self, step: int) -> dict[str, Tensor]:
@@ -161,7 +162,7 @@ def predict(network: GraspNetwork, entries: Iterable[GraspEntry]) -> Predictions
 
 
 def _predict_entry(network: GraspNetwork, entry: GraspEntry) -> Predictions:
-    batch = whole_batch(entry)
+    batch = whole_batch(entry, network.config.local_view)
     planes = network.scene.encode(batch.volumes)
     quality, affordance = grasp_logits(network, planes, batch)
     return Predictions(

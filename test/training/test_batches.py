@@ -84,3 +84,11 @@ def test_a_folder_of_entries_is_read(tmp_path):
 def test_an_empty_folder_is_told(tmp_path):
     with pytest.raises(EmptySceneError, match="holds no grasp entries"):
         GraspCache(tmp_path)
+
+
+@pytest.mark.parametrize(("view", "count"), [("grid", 128), ("centre", 1)])
+def test_ablations_read_the_same_entries(view, count):
+    batch = make_batch(ENTRIES[:2], 3, np.random.default_rng(0), view)
+    assert batch.points.shape == (2, 3 * count, 3)
+    assert batch.point_features.shape == (6, count, POINT_FEATURES)
+    assert whole_batch(ENTRIES[0], view).points.shape == (1, 12 * count, 3)
