@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from neugrasp_ros.geometry.gripper import Gripper
-from neugrasp_ros.pictures.decision import close_up, draw_depth
+from neugrasp_ros.pictures.decision import draw_depth
 from neugrasp_ros.pictures.scene_axes import draw_grippers, draw_surface, frame_cube
 
 FloatArray = NDArray[np.float64]
@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 COLUMNS = 4
 SHOWN_GRASPS = 6
 DPI = 110
+LEAST_EDGE = 0.2  # [m], of the cube shown
+ZOOM = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +74,10 @@ def draw_answers(
     grid = figure.add_gridspec(rows, COLUMNS, wspace=0.04, hspace=0.14)
     draw_depth(figure.add_subplot(grid[0]), depth)
     colors = class_colors([answer.name for answer in answers])
-    lower, edge = close_up(surface)
+    lower, edge = _around(surface)
     for place, answer in enumerate(answers, start=1):
         axes = figure.add_subplot(grid[place], projection="3d")
-        draw_surface(axes, surface, c="#b8c4d0", cmap=None, s=2)
+        draw_surface(axes, surface, cmap="Greys_r", s=7, alpha=0.7)
         color = colors[answer.name]
         rest = slice(1, SHOWN_GRASPS)
         draw_grippers(
@@ -84,12 +86,24 @@ def draw_answers(
         )  # fmt: skip
         draw_grippers(
             axes, answer.grasps[:1], answer.widths[:1], gripper,
-            colors=color, linewidth=3.0,
+            colors=color, linewidth=4.0,
         )  # fmt: skip
         frame_cube(axes, lower, edge, _caption(answer))
+        axes.set_box_aspect((1, 1, 1), zoom=ZOOM)
         axes.title.set_color(color)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, bbox_inches="tight")
+
+
+def _around(surface: FloatArray) -> tuple[FloatArray, float]:
+    """Return lower corner and edge of a cube that holds a surface and hands above."""
+    if not len(surface):
+        return np.zeros(3), LEAST_EDGE
+    lower, upper = surface.min(axis=0), surface.max(axis=0)
+    edge = max(LEAST_EDGE, float((upper - lower).max()))
+    corner = (lower + upper - edge) / 2
+    corner[2] = lower[2] - 0.02
+    return corner, edge
 
 
 def _caption(answer: ClassAnswer) -> str:

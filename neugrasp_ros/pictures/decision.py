@@ -110,9 +110,7 @@ def draw_decision(
         f"{len(decision.candidates)} candidates",
         f"{len(decision.grasps)} ranked grasps, best in bold",
     )
-    lower, edge = decision.lower, decision.edge
-    if len(decision.surface) and edge > CLOSE_UP:
-        lower, edge = close_up(decision.surface)
+    lower, edge = _close_up(decision)
     for axes, text in zip(panels, titles, strict=True):
         frame_cube(axes, lower, edge, text)
     _draw_attempts(figure.add_subplot(grid[4]), attempts)
@@ -120,11 +118,11 @@ def draw_decision(
     figure.savefig(path, bbox_inches="tight")
 
 
-def close_up(surface: FloatArray) -> tuple[FloatArray, float]:
-    """Return lower corner and edge of a cube in the middle of a surface (N, 3)."""
-    if not len(surface):
-        return np.zeros(3), CLOSE_UP
-    middle = (surface.min(axis=0) + surface.max(axis=0)) / 2
+def _close_up(decision: Decision) -> tuple[FloatArray, float]:
+    """Return corner and edge of a cube around the surface, or the whole workspace."""
+    if not len(decision.surface) or decision.edge <= CLOSE_UP:
+        return decision.lower, decision.edge
+    middle = (decision.surface.min(axis=0) + decision.surface.max(axis=0)) / 2
     return middle - CLOSE_UP / 2, CLOSE_UP
 
 
