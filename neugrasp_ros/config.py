@@ -134,6 +134,19 @@ class RenderConfig(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReferenceConfig(Checked):
+    """The paper's scene cameras, for the reference renderer (method sheet, d2)."""
+
+    cameras: int = option(6, "Scene cameras, evenly spaced in azimuth", 1, 32)
+    elevation_deg: float = option(60.0, "Their elevation [deg]", 0.0, 89.0)
+    radius: float = option(0.6, "Distance to the cube's foot [m]", 0.2, 5.0)
+    image_size: int = option(64, "Rows and columns [pixel]", 4, 512)
+    fov_deg: float = option(90.0, "Field of view [deg]", 5.0, 150.0)
+    samples: int = option(256, "Samples of a ray", 2, 4096)
+    far: float = option(0.9, "Where the last sample lies [m]", 0.1, 10.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlannerConfig(Checked):
     """The way from a volume to scored grasps."""
 
@@ -142,6 +155,14 @@ class PlannerConfig(Checked):
     device: str = option("cpu", "Torch device")
     threads: int = option(0, "Compute threads; 0 = all cores", 0, 256)
     max_candidates: int = option(256, "Candidates scored per decision", 1, 10000)
+    renderer: str = option(
+        "fast",
+        "Fast, or the paper's to the letter, to compare with: minutes a decision",
+        choices=("fast", "reference"),
+    )
+    cube_overlap: float = option(
+        0.1, "What the cubes of a large workspace share at least [m]", 0.0, 0.25
+    )
     render: RenderConfig = field(
         default_factory=RenderConfig, metadata={"doc": "Virtual cameras"}
     )

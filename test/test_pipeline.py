@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from diamond import EDGE, SLOPE, diamond_network
 from field_shapes import hand_at
 
@@ -227,12 +228,14 @@ def test_nothing_observed_is_an_error(fresh):
 
 def test_another_resolution_is_rejected_with_the_right_one(fresh):
     assert fresh.resolution == SIZE
-    with pytest.raises(ShapeError, match=r"expected shape \(32, 32, 32\), got \(64"):
+    with pytest.raises(ShapeError, match=r"0.3 m cube; voxel_size 0.004687"):
         fresh.encode(empty_volume(64, EDGE), revision=1)
 
 
 def test_stages_are_timed(planner, scene, candidates):
-    planner.evaluate(scene, candidates)
+    poses = candidates.poses.copy()
+    poses[:, 2, 3] += 1e-5  # not scored yet
+    planner.evaluate(scene, replace(candidates, poses=poses))
     stages = {"encoding", "rendering", "sampling", "local_rendering", "quality"}
     assert set(planner.timings) == stages
     assert all(seconds > 0 for seconds in planner.timings.values())
@@ -248,3 +251,101 @@ def test_a_planner_needs_its_weights_and_gripper(weights, tmp_path):
         planner_of(tmp_path / "none.safetensors")
     with pytest.raises(UnknownNameError, match="gripper 'hook'"):
         GraspPlanner(PlannerConfig(weights=str(weights), gripper="hook"))
+
+
+def test_a_region_gets_as_many_candidates_as_asked_for(planner, scene):
+    low, high = np.array([0.15, 0.0, 0.0]), np.array([0.3, 0.3, 0.3])
+    few = planner.sample(scene, seed=3, max_candidates=4)
+    there = planner.sample(scene, seed=3, max_candidates=4, roi=(low, high))
+    assert (few.poses[:, 0, 3] < 0.15).any()
+    assert len(there) == 4
+
+
+def test_a_grasp_of_the_same_scene_is_scored_once(fresh):
+    scene = fresh.encode(seen_volume(), revision=1)
+    grasps = fresh.sample(scene, seed=3, max_candidates=24)
+    first = fresh.evaluate(scene, grasps)
+    assert fresh.timings["quality"] > 0
+    again = fresh.evaluate(scene, grasps.take(np.array([5, 2])))
+    assert fresh.timings["quality"] == 0
+    np.testing.assert_array_equal(again.quality, first.quality[[5, 2]])
+    higher = fresh.evaluate(scene, grasps, support_height=0.02)
+    assert fresh.timings["quality"] > 0  # the support is part of what is scored
+    assert not np.array_equal(higher.quality, first.quality)
+
+
+def test_a_spent_budget_gives_the_best_so_far(fresh):
+    decision = fresh.decide(seen_volume(), 1, time_budget=1e-6, seed=3)
+    whole = fresh.decide(seen_volume(), 2, seed=3)
+    assert decision.budget_spent
+    assert not whole.budget_spent
+    assert len(decision.grasps) == min(64, decision.sampled)
+    assert len(whole.grasps) == whole.sampled == decision.sampled > 64
+    assert (np.diff(whole.grasps.quality) <= 0).all()
+    assert set(whole.seconds) == {
+        "encoding", "rendering", "sampling", "local_rendering", "quality"
+    }  # fmt: skip
+
+
+def test_the_networks_get_the_configured_threads_only_while_they_work(weights):
+    before = torch.get_num_threads()
+    seen = []
+    planner = planner_of(weights)
+    planner._network.scene.encoder.register_forward_hook(
+        lambda *_: seen.append(torch.get_num_threads())
+    )
+    planner.encode(seen_volume(), revision=1)
+    assert seen == [1]
+    assert torch.get_num_threads() == before
+
+
+def test_the_reference_finds_the_same_surface_and_scores(weights, fresh):
+    reference = planner_of(weights, renderer="reference")
+    fast, slow = (p.encode(seen_volume(), revision=1) for p in (fresh, reference))
+    assert slow.queries == SIZE**3
+    truth = reference.render(slow)
+    off = np.abs(np.abs(truth.points - CENTER).sum(axis=1) - RADIUS)
+    assert len(truth.points) > 60
+    assert off.max() < 1e-3
+    surface = fresh.render(fast)
+    apart = np.linalg.norm(surface.points[:, None] - truth.points, axis=2).min(axis=1)
+    assert np.percentile(apart, 95) < 0.006  # one point per 5 mm cell in either
+    grasps = fresh.sample(fast, seed=3, max_candidates=4)
+    gap = (
+        reference.evaluate(slow, grasps).quality - fresh.evaluate(fast, grasps).quality
+    )
+    assert np.abs(gap).max() < 0.1
+
+
+def test_a_large_workspace_gives_what_its_cubes_give(weights, fresh):
+    """The diamond stands in the middle of each cube; two cubes are 20 cm apart."""
+    single = seen_volume()
+    wide = np.full((53, SIZE, SIZE), np.nan, dtype=np.float32)
+    wide[:, :, 20:] = 1.0
+    wide[14:18, 14:18, 10:14] = 0.0  # something is seen where both cubes are busy
+    wide[35:39, 14:18, 10:14] = 0.0
+    weight = np.isfinite(wide).astype(np.uint8)
+    volume = replace(single, distances=wide, weights=weight)
+    scene = fresh.encode(volume, revision=1)
+    assert scene.corners.tolist() == [[0, 0, 0], [21, 0, 0]]
+    assert fresh.encoder_passes == 1
+    alone = fresh.encode(single, revision=2)
+    near = np.array([[0.15, 0.15, 0.09], [0.13, 0.16, 0.09]])
+    there = near + [21 * EDGE / SIZE, 0, 0]
+    expected = alone.field.sample(near)
+    np.testing.assert_allclose(scene.field.sample(near), expected, atol=0.05)
+    np.testing.assert_allclose(scene.field.sample(there), expected, atol=0.05)
+    grasps = fresh.sample(scene, seed=3)
+    places = grasps.poses[:, 0, 3]
+    assert (places < 0.2).sum() > 5
+    assert (places > 0.3).sum() > 5
+    quality = fresh.evaluate(scene, grasps).quality
+    assert ((quality >= 0) & (quality <= 1)).all()
+
+
+def test_a_large_workspace_without_a_thing_has_no_cubes(fresh):
+    wide = np.ones((60, SIZE, SIZE), dtype=np.float32)
+    volume = TsdfVolume(wide, np.ones_like(wide, np.uint8), EDGE / SIZE, 0.04, 1)
+    scene = fresh.encode(volume, revision=1)
+    assert len(scene.corners) == 0
+    assert len(fresh.sample(scene)) == 0

@@ -9,7 +9,7 @@ continued constantly. Positive values are inside of things.
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numba import njit
@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class ScalarGrid:
     """A sampled scalar field, positive inside.
 
@@ -49,6 +49,16 @@ class ScalarGrid:
     def size(self) -> FloatArray:
         """Edge lengths in [m], shape (3,)."""
         return np.array(self.values.shape) * self.spacing
+
+    @cached_property
+    def gaps(self) -> NDArray[np.uint8]:
+        """How far the inside is from each cell in [cell], see ``inside_gaps``."""
+        return inside_gaps(self.values)
+
+    @cached_property
+    def blocks(self) -> NDArray[np.bool_]:
+        """Which blocks hold the inside or are near it, see ``occupied_blocks``."""
+        return occupied_blocks(self.values)
 
     def sample(self, points: FloatArray) -> Float32Array:
         """Interpolate trilinearly at points (..., 3) in [m]; shape (...)."""
@@ -80,11 +90,12 @@ def march(
     directions: FloatArray,
     *,
     step: float | None = None,
+    box: tuple[FloatArray, FloatArray] | None = None,
     threads: int = 1,
 ) -> FloatArray:
     """Find where rays enter the inside of the field.
 
-    Rays are clipped to the grid's cube and sampled every ``step``; the first sign
+    Rays are clipped to the grid's box and sampled every ``step``; the first sign
     change from free to inside is refined by eight secant steps on the interpolated
     field (method sheet, d2). A ray that starts inside gives nothing.
 
@@ -93,6 +104,7 @@ def march(
         origins: Ray origins in [m], shape (R, 3).
         directions: Unit directions, shape (R, 3).
         step: Sampling step in [m]; default half the grid spacing.
+        box: Lower and upper corner in [m] of the part of the grid that is looked at.
         threads: Worker threads.
 
     Returns:
@@ -106,16 +118,19 @@ def march(
     if origins.ndim != 2 or origins.shape != directions.shape or origins.shape[1] != 3:
         raise ShapeError("origins and directions", "two (R, 3)", directions.shape)
     out = np.full(len(origins), np.nan)
-    blocks = occupied_blocks(grid.values)
+    gaps = grid.gaps
+    low, high = (np.zeros(3), grid.size) if box is None else box
     step = grid.spacing / 2 if step is None else step
 
     def run(part: slice) -> None:
         _march_many(
             grid.values,
-            blocks,
+            gaps,
             1.0 / grid.spacing,
             origins[part],
             directions[part],
+            low,
+            high,
             step,
             out[part],
         )
@@ -134,16 +149,55 @@ def run_in_parts(run: Callable[[slice], None], count: int, threads: int) -> None
     list(_pool(threads).map(run, parts))
 
 
+GAP_LIMIT = 12  # [cell]; a ray leaps no further at once
+
 MISS = -1.0  # what kernels say of a ray that meets nothing: fast maths knows no NaN
 
-BLOCK = 4  # [voxel], edge of the blocks that say whether a ray can skip them
+BLOCK = 4  # [voxel], edge of the blocks that tell where the inside is near
+
+
+def inside_gaps(values: Float32Array) -> NDArray[np.uint8]:
+    """Tell how far each cell is from the nearest one that touches the inside.
+
+    Cell (i, j, k) lies between samples (i, j, k) and (i + 1, j + 1, k + 1); it touches
+    the inside if one of its corners is positive. From anywhere in a cell of gap g a ray
+    may leap g - 1 grid spacings, whatever its direction.
+
+    Args:
+        values: Samples, shape (X, Y, Z).
+
+    Returns:
+        Largest coordinate difference to such a cell in [cell], at most ``GAP_LIMIT``,
+        shape (X, Y, Z).
+    """
+    touched = values > 0
+    for axis in range(3):
+        low, high = _shifted(touched, axis)
+        low |= high.copy()
+    gaps = np.zeros(values.shape, dtype=np.uint8)
+    for _ in range(GAP_LIMIT):
+        gaps += ~touched
+        for axis in range(3):
+            before = touched.copy()
+            low, high = _shifted(touched, axis)
+            was_low, was_high = _shifted(before, axis)
+            low |= was_high
+            high |= was_low
+    return gaps
+
+
+def _shifted(
+    grid: NDArray[np.bool_], axis: int
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return views of all but the last, and all but the first, along an axis."""
+    first = [slice(None)] * 3
+    last = [slice(None)] * 3
+    first[axis], last[axis] = slice(None, -1), slice(1, None)
+    return grid[tuple(first)], grid[tuple(last)]
 
 
 def occupied_blocks(values: Float32Array) -> NDArray[np.bool_]:
-    """Tell which blocks of voxels, or their neighbours, hold an inside value.
-
-    From anywhere in a block that does not, a ray may leap ``BLOCK - 1`` voxels.
-    """
+    """Tell which blocks of voxels, or their neighbours, hold an inside value."""
     shape = tuple(-(-n // BLOCK) for n in values.shape)
     padded = np.zeros(tuple(n * BLOCK for n in shape), dtype=bool)
     x, y, z = values.shape
@@ -223,28 +277,27 @@ def clip_to_box(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kerne
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def march_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
-    values, blocks, inverse, ox, oy, oz, dx, dy, dz, start, end, step
+    values, gaps, inverse, ox, oy, oz, dx, dy, dz, start, end, step
 ):  # pragma: no cover
     """Return the first free-to-inside crossing in [start, end], or ``MISS``."""
     t = start
-    before = sample_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz)
-    if before > 0:
+    if sample_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz) > 0:
         return MISS
-    bx, by, bz = blocks.shape
-    skip = inverse / BLOCK
-    leap = (BLOCK - 1) / inverse
+    nx, ny, nz = values.shape
+    spacing = 1.0 / inverse
     while t < end:
-        i = min(max(int((ox + t * dx) * skip), 0), bx - 1)
-        j = min(max(int((oy + t * dy) * skip), 0), by - 1)
-        k = min(max(int((oz + t * dz) * skip), 0), bz - 1)
-        if not blocks[i, j, k]:
-            t, before = t + leap, -1.0
+        i = min(max(int((ox + t * dx) * inverse - 0.5), 0), nx - 1)
+        j = min(max(int((oy + t * dy) * inverse - 0.5), 0), ny - 1)
+        k = min(max(int((oz + t * dz) * inverse - 0.5), 0), nz - 1)
+        gap = gaps[i, j, k]
+        if gap > 1:
+            t += (gap - 1) * spacing
             continue
         ahead = min(t + step, end)
         x, y, z = ox + ahead * dx, oy + ahead * dy, oz + ahead * dz
         value = sample_one(values, inverse, x, y, z)
         if value > 0:
-            low, high, f_low, f_high = t, ahead, before, value
+            low, high, f_high = t, ahead, value
             before = sample_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz)
             f_low = min(before, -1e-6)
             middle = ahead
@@ -264,25 +317,21 @@ def march_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
                 if abs(f) < 1e-4:
                     break
             return middle
-        t, before = ahead, value
-        if ahead >= end:
-            break
+        t = ahead
     return MISS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _march_many(  # type: ignore[no-untyped-def]
-    values, blocks, inverse, origins, directions, step, out
+def _march_many(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
+    values, gaps, inverse, origins, directions, low, high, step, out
 ):  # pragma: no cover
-    low = np.zeros(3)
-    high = np.array(values.shape) / inverse
     for n in range(len(origins)):
         ox, oy, oz = origins[n]
         dx, dy, dz = directions[n]
         start, end = clip_to_box(ox, oy, oz, dx, dy, dz, low, high)
         if start <= end:
             t = march_one(
-                values, blocks, inverse, ox, oy, oz, dx, dy, dz, start, end, step
+                values, gaps, inverse, ox, oy, oz, dx, dy, dz, start, end, step
             )
             if t >= 0:
                 out[n] = t

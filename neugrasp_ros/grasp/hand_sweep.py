@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from neugrasp_ros.geometry.grid import (
     BLOCK,
     ScalarGrid,
-    occupied_blocks,
     run_in_parts,
     sample_one,
 )
@@ -81,7 +80,7 @@ def sweep_hands(
     out = np.zeros((len(poses), SWEEP_FEATURES), dtype=np.float32)
     rounded = np.clip(np.round(np.asarray(widths) / 0.005) * 0.005, 0.005, None)
     rounded = np.minimum(rounded, gripper.max_opening)
-    stations, blocks = np.array(STATIONS), occupied_blocks(field.values)
+    stations, blocks = np.array(STATIONS), field.blocks
     for opening in np.unique(rounded):
         rows = np.flatnonzero(rounded == opening)
         points, parts = hand_points(gripper, float(opening))

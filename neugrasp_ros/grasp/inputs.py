@@ -4,6 +4,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from neugrasp_ros.geometry.grid import ScalarGrid
@@ -66,12 +67,32 @@ def hand_distances(
     lateral = (np.asarray(widths) + gripper.finger_width) / 2
     centers[:, 0, 1], centers[:, 1, 1] = lateral, -lateral
     halves[:, 3, 1] = np.asarray(widths) / 2
-    beyond = np.abs(points[:, :, None] - centers[:, None].astype(np.float32))
-    beyond -= halves[:, None].astype(np.float32)  # (G, P, 4, 3)
-    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
-    inside = np.minimum(beyond.max(axis=-1), 0.0)
-    distances = np.clip(outside + inside, -DISTANCE_LIMIT, DISTANCE_LIMIT)
-    return np.asarray(distances, dtype=np.float32)
+    distances = np.empty((*points.shape[:2], 4), dtype=np.float32)
+    _box_distances(
+        np.ascontiguousarray(points, dtype=np.float32),
+        centers.astype(np.float32),
+        halves.astype(np.float32),
+        np.float32(DISTANCE_LIMIT),
+        distances,
+    )
+    return distances
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _box_distances(points, centers, halves, limit, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Write clipped signed distances of points (G, P, 3) to boxes (G, K, 3)."""
+    zero = np.float32(0.0)
+    for g in range(len(points)):
+        for p in range(points.shape[1]):
+            for k in range(centers.shape[1]):
+                outside, inside = zero, -limit
+                for axis in range(3):
+                    gap = abs(points[g, p, axis] - centers[g, k, axis])
+                    gap -= halves[g, k, axis]
+                    inside = max(inside, gap)
+                    outside += max(gap, zero) ** 2
+                distance = np.sqrt(outside) + min(inside, zero)
+                out[g, p, k] = min(max(distance, -limit), limit)
 
 
 def gripper_features(gripper: Gripper) -> FloatArray:
@@ -88,17 +109,17 @@ def gripper_features(gripper: Gripper) -> FloatArray:
 
 
 def observed_at(
-    distances: NDArray[np.float32], points_task: FloatArray, edge: float
+    distances: NDArray[np.float32], points_task: FloatArray, voxel: float
 ) -> NDArray[np.bool_]:
     """Tell which surface points a camera has seen.
 
     Args:
-        distances: The volume in units of truncation, NaN = never observed, (D, D, D).
+        distances: The volume in units of truncation, NaN = never observed, (X, Y, Z).
         points_task: Points in the task frame in [m], shape (..., 3).
-        edge: Edge of the volume in [m].
+        voxel: Edge of a voxel in [m].
     """
-    size = distances.shape[0]
-    index = np.clip((points_task / edge * size).astype(int), 0, size - 1)
+    last = np.array(distances.shape) - 1
+    index = np.clip((points_task / voxel).astype(int), 0, last)
     near = distances[index[..., 0], index[..., 1], index[..., 2]]
     return np.asarray(np.abs(near) < 0.6)
 
@@ -115,6 +136,7 @@ def assemble_inputs(  # noqa: PLR0913 (each is a setting of its own stage)
     fov: float,
     support_height: float,
     threads: int = 1,
+    views: LocalViews | None = None,
 ) -> tuple[LocalInputs, LocalViews]:
     """Render the local views of grasps and describe each grasp to the network.
 
@@ -122,7 +144,7 @@ def assemble_inputs(  # noqa: PLR0913 (each is a setting of its own stage)
 
     Args:
         field: Occupancy logits on the volume's grid.
-        distances: The volume's distances, NaN = never observed, shape (D, D, D).
+        distances: The volume's distances, NaN = never observed, on the same grid.
         T_task_grippers: Grasp poses, shape (G, 4, 4).
         widths: Jaw openings in [m], shape (G,).
         gripper: The gripper.
@@ -131,25 +153,27 @@ def assemble_inputs(  # noqa: PLR0913 (each is a setting of its own stage)
         fov: Field of view of a local camera in [rad].
         support_height: Height of the support plane in the task frame in [m].
         threads: Worker threads.
+        views: Local views of the canonical poses, rendered otherwise.
 
     Returns:
         The inputs, and the local views that they were made from.
     """
     poses = canonical_gripper(T_task_grippers)
-    views = render_local_views(
-        field,
-        poses,
-        gripper,
-        n_points=n_points,
-        image_size=image_size,
-        fov=fov,
-        threads=threads,
-    )
+    if views is None:
+        views = render_local_views(
+            field,
+            poses,
+            gripper,
+            n_points=n_points,
+            image_size=image_size,
+            fov=fov,
+            threads=threads,
+        )
     sweeps = sweep_hands(
         field, poses, widths, gripper, support_height=support_height, threads=threads
     )
     points_task = apply(poses, views.points.astype(np.float64))
-    observed = observed_at(distances, points_task, float(field.size[0]))
+    observed = observed_at(distances, points_task, field.spacing)
     features = np.concatenate(
         [
             views.points / LENGTH,

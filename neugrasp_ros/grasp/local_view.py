@@ -18,7 +18,6 @@ from neugrasp_ros.geometry.grid import (
     clip_to_box,
     march_one,
     normal_one,
-    occupied_blocks,
     run_in_parts,
 )
 from neugrasp_ros.geometry.gripper import Gripper
@@ -95,8 +94,13 @@ def _shuffled_rays(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the rays in one fixed random order: the first ones are a sample."""
     origins, directions = local_rays(gripper, image_size, fov)
-    order = np.random.default_rng(0).permutation(len(origins))
+    order = shuffled(len(origins))
     return origins[order], directions[order]
+
+
+def shuffled(count: int) -> NDArray[np.int64]:
+    """Return the fixed random order in which ``count`` rays are cast."""
+    return np.random.default_rng(0).permutation(count)
 
 
 def render_local_views(
@@ -131,7 +135,7 @@ def render_local_views(
         raise ShapeError("T_task_grippers", "(G, 4, 4)", poses.shape)
     origins, directions = _shuffled_rays(gripper, image_size, fov)
     low, high = crop_box(gripper, fov)
-    blocks = occupied_blocks(field.values)
+    gaps = field.gaps
     points = np.zeros((len(poses), n_points, 3), dtype=np.float32)
     normals = np.zeros_like(points)
     hits = np.zeros(len(poses), dtype=np.int32)
@@ -139,7 +143,7 @@ def render_local_views(
     def run(part: slice) -> None:
         _render(
             field.values,
-            blocks,
+            gaps,
             1.0 / field.spacing,
             poses[part],
             origins,
@@ -157,7 +161,7 @@ def render_local_views(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
-    values, blocks, inverse, poses, origins, directions, low, high,
+    values, gaps, inverse, poses, origins, directions, low, high,
     points, normals, hits,
 ):  # fmt: skip  # pragma: no cover - compiled
     n_points = points.shape[1]
@@ -185,7 +189,7 @@ def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
             if start >= end:
                 continue
             t = march_one(
-                values, blocks, inverse, ox, oy, oz, dx, dy, dz, start, end, step
+                values, gaps, inverse, ox, oy, oz, dx, dy, dz, start, end, step
             )
             if t < 0:
                 continue

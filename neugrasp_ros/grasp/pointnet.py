@@ -78,9 +78,16 @@ class NeuGraspDetector(nn.Module):
         Returns:
             Quality logits (G,) and affordance logits (G, A).
         """
+        read = None if self.read is None else self.read(plane_features)
+        return self.score(point_features, tokens, read)
+
+    def score(
+        self, point_features: Tensor, tokens: Tensor, read: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """Score grasps whose plane features went through ``read``, shape (G, P, R)."""
         points = point_features
-        if self.read is not None:
-            points = torch.cat([points, self.read(plane_features).relu()], dim=-1)
+        if read is not None:
+            points = torch.cat([points, read.relu()], dim=-1)
         quality = self.quality(points, tokens)[:, 0]
         if self.affordance is None:
             return quality, quality.new_zeros(len(quality), 0)

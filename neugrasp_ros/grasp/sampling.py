@@ -137,15 +137,22 @@ class _Hands(NamedTuple):
     centered: BoolArray  # (F,)
 
 
-class _Candidates(NamedTuple):
-    """Candidates on their way to a grasp set."""
+class Proposals(NamedTuple):
+    """Candidates on their way to a grasp set.
 
-    poses: FloatArray  # (G, 4, 4)
-    scores: FloatArray  # (G,), higher is preferred
-    widths: FloatArray  # (G,)
+    Attributes:
+        poses: ``T_task_gripper``, shape (G, 4, 4).
+        scores: Higher is preferred, shape (G,).
+        widths: Jaw openings that leave ``width_margin`` to both sides, shape (G,).
+    """
 
-    def take(self, mask: BoolArray) -> "_Candidates":
-        return _Candidates(self.poses[mask], self.scores[mask], self.widths[mask])
+    poses: FloatArray
+    scores: FloatArray
+    widths: FloatArray
+
+    def take(self, rows: BoolArray | IntArray) -> "Proposals":
+        """Return those at rows (integers in order, or a mask)."""
+        return Proposals(self.poses[rows], self.scores[rows], self.widths[rows])
 
 
 def sample_candidates(
@@ -158,13 +165,48 @@ def sample_candidates(
     support_height: float | None = None,
     obstacles: FloatArray | None = None,
 ) -> GraspSet:
+    """Propose grasps on a surface and choose among them.
+
+    Args:
+        points: As of ``propose``, like the others.
+        normals: Outward unit normals.
+        gripper: The hand.
+        config: Density and limits.
+        rng: Source of randomness.
+        support_height: Height of the support.
+        obstacles: More points that the hand must not touch.
+
+    Returns:
+        At most ``max_candidates`` distinct grasps, not scored, as ``choose`` orders
+        them. Empty if nothing fits.
+
+    Raises:
+        ShapeError: If points and normals are not both (N, 3).
+    """
+    found = propose(
+        points, normals, gripper, config, rng,
+        support_height=support_height, obstacles=obstacles,
+    )  # fmt: skip
+    return choose(found, config.max_candidates)
+
+
+def propose(
+    points: FloatArray,
+    normals: FloatArray,
+    gripper: Gripper,
+    config: SamplerConfig,
+    rng: np.random.Generator,
+    *,
+    support_height: float | None = None,
+    obstacles: FloatArray | None = None,
+) -> Proposals:
     """Propose grasps on a surface.
 
     Args:
         points: Surface points in the task frame in [m], shape (N, 3).
         normals: Outward unit normals, shape (N, 3).
         gripper: The hand.
-        config: Density and limits.
+        config: Density and limits; ``max_candidates`` plays no part.
         rng: Source of randomness.
         support_height: Height of the plane that things stand on, in the task frame in
             [m]; None = nothing below matters.
@@ -172,18 +214,15 @@ def sample_candidates(
             [m], shape (M, 3).
 
     Returns:
-        At most ``max_candidates`` distinct grasps, not scored; those first whose pads
-        meet the surface best, but every region's best before any region's second.
-        ``widths`` leave ``width_margin`` to both sides. Empty if nothing fits.
+        All distinct grasps that fit, those first whose pads meet the surface best.
 
     Raises:
         ShapeError: If points and normals are not both (N, 3).
     """
     if points.ndim != 2 or points.shape[1] != 3 or points.shape != normals.shape:
         raise ShapeError("points, normals", "(N, 3) both", points.shape)
-    empty = GraspSet(np.zeros((0, 4, 4)), np.zeros(0))
     if not len(points):
-        return empty
+        return Proposals(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0))
     cloud = np.concatenate([points, normals], axis=1)[thin(points, config.voxel, rng)]
     seeds = choose_seeds(cloud[:, :3], config.n_seeds, rng)
     hands = _orient(cloud, seeds, gripper, config, rng)
@@ -196,9 +235,22 @@ def sample_candidates(
     if obstacles is not None and len(obstacles):
         solid = np.concatenate([solid, obstacles])
     found = _free(found, solid, gripper, config)
+    return found.take(
+        distinct(found.poses, found.scores, config.distance, config.angle)
+    )
+
+
+def choose(found: Proposals, n_max: int) -> GraspSet:
+    """Take the best proposals, but every region's best before any region's second.
+
+    Args:
+        found: Distinct proposals.
+        n_max: How many to take at most.
+    """
     if not len(found.poses):
-        return empty
-    return _select(found, config)
+        return GraspSet(np.zeros((0, 4, 4)), np.zeros(0))
+    best = spread(found.poses[:, :3, 3], found.scores, REGION, n_max)
+    return GraspSet(canonical_gripper(found.poses[best]), found.widths[best])
 
 
 def _orient(
@@ -255,7 +307,7 @@ def _advance(
     gripper: Gripper,
     config: SamplerConfig,
     support_height: float | None,
-) -> _Candidates:
+) -> Proposals:
     """Centre the hands and advance them to their depths; widths stay open."""
     advance = _half_advance(gripper)
     relief = config.min_insertion / 2  # given up where nothing else is possible
@@ -286,7 +338,7 @@ def _advance(
     poses = np.repeat(poses[fits, None], len(fractions), axis=1)
     poses[..., :3, 3] += depths[..., None] * poses[..., :3, 2]
     scores = (DEPTH_BONUS * fractions - marginal[fits, None]).reshape(-1)
-    return _Candidates(poses.reshape(-1, 4, 4), scores, np.zeros(len(scores)))
+    return Proposals(poses.reshape(-1, 4, 4), scores, np.zeros(len(scores)))
 
 
 def _half_advance(gripper: Gripper) -> float:
@@ -295,8 +347,8 @@ def _half_advance(gripper: Gripper) -> float:
 
 
 def _inspect(
-    cloud: FloatArray, found: _Candidates, gripper: Gripper, config: SamplerConfig
-) -> _Candidates:
+    cloud: FloatArray, found: Proposals, gripper: Gripper, config: SamplerConfig
+) -> Proposals:
     """Centre the jaws on what they enclose; keep what the pads meet squarely."""
     closing = found.poses.copy()
     closing[:, :3, 3] += _half_advance(gripper) * closing[:, :3, 2]
@@ -309,12 +361,12 @@ def _inspect(
     middle = (content.upper[keep] + content.lower[keep]) / 2
     poses[:, :3, 3] += middle[:, None] * poses[:, :3, 1]
     widths = np.minimum(extents[keep] + 2 * config.width_margin, gripper.max_opening)
-    return _Candidates(poses, found.scores[keep] + alignment[keep], widths)
+    return Proposals(poses, found.scores[keep] + alignment[keep], widths)
 
 
 def _lift(
-    found: _Candidates, gripper: Gripper, config: SamplerConfig, support_height: float
-) -> _Candidates:
+    found: Proposals, gripper: Gripper, config: SamplerConfig, support_height: float
+) -> Proposals:
     """Move hands back that centring, or closing on a linkage, puts into the plane."""
     contact_widths = found.widths - 2 * config.width_margin
     descent = np.maximum(-found.poses[:, 2, 2], 0.0)
@@ -328,8 +380,8 @@ def _lift(
 
 
 def _free(
-    found: _Candidates, solid: FloatArray, gripper: Gripper, config: SamplerConfig
-) -> _Candidates:
+    found: Proposals, solid: FloatArray, gripper: Gripper, config: SamplerConfig
+) -> Proposals:
     """Keep what reaches its grasp untouched, open or, if allowed, half closed."""
     openings = np.full(len(found.poses), gripper.max_opening)
     free = approach_is_free(
@@ -344,10 +396,3 @@ def _free(
     )  # fmt: skip
     scores = found.scores - NARROW_PENALTY * narrow
     return found._replace(scores=scores).take(free)
-
-
-def _select(found: _Candidates, config: SamplerConfig) -> GraspSet:
-    kept = distinct(found.poses, found.scores, config.distance, config.angle)
-    positions = found.poses[kept, :3, 3]
-    best = kept[spread(positions, found.scores[kept], REGION, config.max_candidates)]
-    return GraspSet(canonical_gripper(found.poses[best]), found.widths[best])

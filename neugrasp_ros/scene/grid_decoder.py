@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The occupancy decoder compiled for points on a grid, on the CPU.
+"""The occupancy decoder compiled for the CPU, for points on a grid or anywhere.
 
-On a grid, reading a plane is a table lookup, and what a residual block adds of the
-features is linear in them: each plane is multiplied by the blocks' matrices once, and a
-point then sums three rows. The rest of the decoder runs in tiles that fit the cache.
-Same numbers as the decoder itself, up to rounding, at a fraction of its cost.
+What a residual block adds of the features is linear in them, and so is reading a plane
+between its cells: each plane is multiplied by the blocks' matrices once, and a point on
+a grid then sums three rows, another point twelve. The rest of the decoder runs in tiles
+that fit the cache. Same numbers as the decoder itself, up to rounding, at a fraction of
+its cost.
 """
 
 from typing import Any, NamedTuple
@@ -21,7 +22,8 @@ from neugrasp_ros.scene.decoder import OccupancyDecoder
 
 Float32Array = NDArray[np.float32]
 
-TILE = 256  # points decoded together: their activations stay in the first cache
+TILE = 96  # points decoded together: their activations stay in the first cache, and a
+# product of this size is too small for OpenBLAS to start threads of its own
 
 
 class DecoderWeights(NamedTuple):
@@ -111,13 +113,46 @@ def decode_on_grid(
     Returns:
         Logits, shape (N,).
     """
-    index = np.ascontiguousarray(index, dtype=np.int64)
-    out = np.empty(len(index), dtype=np.float32)
+    scale = np.float32(1.0 / projected.shape[1])
+    points = (np.asarray(index, dtype=np.float32) + np.float32(0.5)) * scale
+    return _decode_all(weights, projected, points, True, threads)
+
+
+def decode_at_points(
+    weights: DecoderWeights,
+    projected: Float32Array,
+    points: NDArray[np.floating],
+    threads: int = 1,
+) -> Float32Array:
+    """Decode occupancy anywhere.
+
+    Args:
+        weights: Of ``pack_weights``.
+        projected: Of ``project_planes``, at the planes' own resolution.
+        points: In units of the cube's edge, shape (N, 3); beyond the cube the border's
+            features are read.
+        threads: Worker threads.
+
+    Returns:
+        Logits, shape (N,).
+    """
+    return _decode_all(weights, projected, points.astype(np.float32), False, threads)
+
+
+def _decode_all(
+    weights: DecoderWeights,
+    projected: Float32Array,
+    points: Float32Array,
+    on_grid: bool,
+    threads: int,
+) -> Float32Array:
+    points = np.ascontiguousarray(points)
+    out = np.empty(len(points), dtype=np.float32)
 
     def run(part: slice) -> None:
-        _decode(*weights, projected, index[part], out[part])
+        _decode(*weights, projected, points[part], on_grid, out[part])
 
-    run_in_parts(run, len(index), threads)
+    run_in_parts(run, len(points), threads)
     return out
 
 
@@ -142,21 +177,51 @@ def _doubled(table):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _gather(table, first, second, on_grid, out):  # pragma: no cover - compiled
+    """Add a plane's row at coordinates in [0, 1] to (F,): its cell's, or between four.
+
+    The table is indexed [second, first], as planes are.
+    """
+    size = table.shape[0]
+    u, v = first * size, second * size
+    if on_grid:
+        row = table[int(v), int(u)]
+        for f in range(len(out)):
+            out[f] += row[f]
+        return
+    u = min(max(u - np.float32(0.5), np.float32(0.0)), np.float32(size - 1))
+    v = min(max(v - np.float32(0.5), np.float32(0.0)), np.float32(size - 1))
+    i, j = int(u), int(v)
+    k, m = min(i + 1, size - 1), min(j + 1, size - 1)
+    a, b = np.float32(u - i), np.float32(v - j)
+    one = np.float32(1.0)
+    near, far = table[j, i], table[j, k]
+    near_up, far_up = table[m, i], table[m, k]
+    for f in range(len(out)):
+        low = (one - a) * near[f] + a * far[f]
+        high = (one - a) * near_up[f] + a * far_up[f]
+        out[f] += (one - b) * low + b * high
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _decode(  # noqa: C901, PLR0913 (a numba kernel)
-    position, first, first_bias, second, second_bias, last, projected, index, out
-):  # pragma: no cover - compiled
+    position, first, first_bias, second, second_bias, last, projected, points, on_grid,
+    out,
+):  # fmt: skip  # pragma: no cover - compiled
     n_blocks, hidden, _ = first.shape
-    scale = np.float32(1.0 / projected.shape[1])
-    half, zero = np.float32(0.5), np.float32(0.0)
+    zero = np.float32(0.0)
     x = np.empty((TILE, hidden), dtype=np.float32)
     y = np.empty((TILE, hidden), dtype=np.float32)
     z = np.empty((TILE, hidden), dtype=np.float32)
-    for start in range(0, len(index), TILE):
-        count = min(TILE, len(index) - start)
+    added = np.empty((TILE, n_blocks * hidden), dtype=np.float32)
+    for start in range(0, len(points), TILE):
+        count = min(TILE, len(points) - start)
         for n in range(count):
-            u = (np.float32(index[start + n, 0]) + half) * scale
-            v = (np.float32(index[start + n, 1]) + half) * scale
-            w = (np.float32(index[start + n, 2]) + half) * scale
+            u, v, w = points[start + n]
+            added[n] = zero
+            _gather(projected[0], v, w, on_grid, added[n])
+            _gather(projected[1], u, w, on_grid, added[n])
+            _gather(projected[2], u, v, on_grid, added[n])
             for h in range(hidden):
                 x[n, h] = (
                     u * position[0, h]
@@ -166,13 +231,9 @@ def _decode(  # noqa: C901, PLR0913 (a numba kernel)
                 )
         for b in range(n_blocks):
             for n in range(count):
-                i, j, k = index[start + n]
                 row, offset = x[n], b * hidden
-                p = projected[0, k, j, offset : offset + hidden]
-                q = projected[1, k, i, offset : offset + hidden]
-                r = projected[2, j, i, offset : offset + hidden]
                 for h in range(hidden):
-                    row[h] += p[h] + q[h] + r[h]
+                    row[h] += added[n, offset + h]
                     y[n, h] = max(row[h], zero)
             np.dot(y[:count], first[b], z[:count])
             for n in range(count):
@@ -187,3 +248,36 @@ def _decode(  # noqa: C901, PLR0913 (a numba kernel)
             for h in range(hidden):
                 total += max(x[n, h], zero) * last[h]
             out[start + n] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _read(table, points, out):  # pragma: no cover - compiled
+    for n in range(len(points)):
+        u, v, w = points[n]
+        _gather(table[0], v, w, False, out[n])
+        _gather(table[1], u, w, False, out[n])
+        _gather(table[2], u, v, False, out[n])
+
+
+def read_projected(
+    table: Float32Array, points: Float32Array, threads: int = 1
+) -> Float32Array:
+    """Sum the rows of three projected planes at points, bilinearly on each.
+
+    Args:
+        table: Planes multiplied by a matrix, shape (3, R, R, F), indexed like planes.
+        points: In units of the cube's edge, shape (N, 3); beyond the cube the border's
+            row is read.
+        threads: Worker threads.
+
+    Returns:
+        Shape (N, F).
+    """
+    points = np.ascontiguousarray(points, dtype=np.float32)
+    out = np.zeros((len(points), table.shape[-1]), dtype=np.float32)
+
+    def run(part: slice) -> None:
+        _read(table, points[part], out[part])
+
+    run_in_parts(run, len(points), threads)
+    return out

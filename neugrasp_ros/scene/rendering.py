@@ -4,15 +4,22 @@
 In: the occupancy field. Out: surface points with outward normals in the task frame.
 """
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.config import RenderConfig
 from neugrasp_ros.geometry.camera import Intrinsics
 from neugrasp_ros.geometry.grid import ScalarGrid, march
+from neugrasp_ros.geometry.ray_search import refine_crossings
 from neugrasp_ros.geometry.transform import look_at
 
 FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+Box = tuple[FloatArray, FloatArray]
+
+REFINE_REACH = 0.8  # [voxel]; the field and its network disagree by less, mostly
 
 
 def scene_cameras(config: RenderConfig, size: FloatArray) -> FloatArray:
@@ -40,7 +47,12 @@ def scene_cameras(config: RenderConfig, size: FloatArray) -> FloatArray:
 
 
 def render_surface(
-    field: ScalarGrid, config: RenderConfig, threads: int = 1
+    field: ScalarGrid,
+    config: RenderConfig,
+    threads: int = 1,
+    *,
+    boxes: Sequence[Box] | None = None,
+    depth: Callable[[FloatArray], Float32Array] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Render the field's surface with all scene cameras and merge the points.
 
@@ -48,24 +60,42 @@ def render_surface(
         field: Occupancy logits, positive inside.
         config: Cameras and the spacing of the merged cloud.
         threads: Worker threads.
+        boxes: Lower and upper corners in [m] of the parts of the field that get
+            cameras of their own; default the whole.
+        depth: The network itself, points (N, 3) in, logits (N,) out: the points that
+            remain are moved onto its surface.
 
     Returns:
         Points (N, 3) in [m], one per occupied cell of ``point_spacing``, and outward
         unit normals (N, 3).
     """
+    whole = (np.zeros(3), field.size)
+    seen = [_look_into(field, b, config, threads) for b in boxes or [whole]]
+    points, directions = (np.concatenate(parts) for parts in zip(*seen, strict=True))
+    rows = thinned(points, config.point_spacing)
+    points = points[rows]
+    if depth is not None and len(points):
+        reach = REFINE_REACH * field.spacing
+        points = refine_crossings(depth, points, directions[rows], reach)
+    return points, field.normals(points)
+
+
+def _look_into(
+    field: ScalarGrid, box: Box, config: RenderConfig, threads: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return what a box's cameras see in it, and along which rays, (N, 3) each."""
     pixels = Intrinsics.from_hfov(
         config.image_size, config.image_size, np.deg2rad(config.fov_deg)
     )
     rays = pixels.ray_directions().reshape(-1, 3)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    poses = scene_cameras(config, field.size)
+    low, high = box
+    poses = scene_cameras(config, high - low)
     directions = np.einsum("vij,rj->vri", poses[:, :3, :3], rays).reshape(-1, 3)
-    origins = np.repeat(poses[:, :3, 3], len(rays), axis=0)
-    distances = march(field, origins, directions, threads=threads)
+    origins = np.repeat(low + poses[:, :3, 3], len(rays), axis=0)
+    distances = march(field, origins, directions, box=box, threads=threads)
     hit = np.isfinite(distances)
-    points = origins[hit] + distances[hit, None] * directions[hit]
-    points = thin(points, config.point_spacing)
-    return points, field.normals(points)
+    return origins[hit] + distances[hit, None] * directions[hit], directions[hit]
 
 
 def thin(points: FloatArray, spacing: float) -> FloatArray:
@@ -75,7 +105,12 @@ def thin(points: FloatArray, spacing: float) -> FloatArray:
         points: Points in [m], shape (N, 3), at non-negative coordinates.
         spacing: Cell edge in [m].
     """
+    return np.asarray(points[thinned(points, spacing)])
+
+
+def thinned(points: FloatArray, spacing: float) -> NDArray[np.int64]:
+    """Return the rows that ``thin`` keeps."""
     cells = np.floor(points / spacing).astype(np.int64) + 1024
     keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
     _, first = np.unique(keys, return_index=True)
-    return np.asarray(points[np.sort(first)])
+    return np.sort(first)

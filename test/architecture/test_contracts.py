@@ -17,7 +17,7 @@ FORBIDDEN = (
     ("neugrasp_ros/robot/ik.py", "pybullet"),
     ("neugrasp_ros/scene/field.py", "neugrasp_ros.grasp.types"),
     ("sim_bridge/world.py", "neugrasp_ros.pipeline"),
-    ("neugrasp_ros/pipeline.py", "sim_bridge"),
+    ("neugrasp_ros/pipeline/planner.py", "sim_bridge"),
 )
 
 

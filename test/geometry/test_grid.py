@@ -3,7 +3,12 @@ import numpy as np
 import pytest
 
 from neugrasp_ros.errors import ShapeError
-from neugrasp_ros.geometry.grid import ScalarGrid, march, occupied_blocks
+from neugrasp_ros.geometry.grid import (
+    ScalarGrid,
+    inside_gaps,
+    march,
+    occupied_blocks,
+)
 
 SPACING = 0.3 / 64
 CENTER = np.array([0.15, 0.14, 0.16])
@@ -133,13 +138,44 @@ def test_marching_leaves_its_inputs_alone(sphere):
         assert np.array_equal(kept, now)
 
 
-def test_no_block_within_reach_of_an_inside_value_may_be_skipped():
+def test_blocks_tell_where_an_inside_value_is_near():
     values = np.full((10, 8, 9), -1.0, dtype=np.float32)
     values[9, 0, 4] = 1.0
     blocks = occupied_blocks(values)
     assert blocks.shape == (3, 2, 3)
     assert np.argwhere(~blocks)[:, 0].tolist() == [0] * 6  # x blocks 1 and 2 are near
     assert blocks[1:].all()
+
+
+def test_a_gap_is_the_distance_to_the_nearest_cell_that_touches_the_inside():
+    values = np.full((20, 9, 9), -1.0, dtype=np.float32)
+    values[3, 4, 4] = 1.0  # a corner of the cells 2..3 along x and 3..4 along y and z
+    gaps = inside_gaps(values)
+    assert (gaps[2:4, 3:5, 3:5] == 0).all()
+    assert (gaps == 0).sum() == 8
+    assert gaps[:, 4, 4].tolist() == [2, 1, 0, 0, *range(1, 13), 12, 12, 12, 12]
+    assert gaps[9, 0, 8] == 6  # the largest of 6, 3 and 4
+    assert (inside_gaps(-np.abs(values)) == 12).all()
+
+
+def test_leaping_misses_nothing_that_small_steps_meet():
+    rng = np.random.default_rng(4)
+    values = np.full((24, 20, 16), -8.0)
+    values[tuple(rng.integers(3, 13, (3, 12)))] = 6.0
+    grid = ScalarGrid(values, 0.01)
+    targets = (np.argwhere(values > 0) + 0.5)[rng.integers(12, size=300)] * 0.01
+    origins = rng.uniform(-0.1, 0.3, (300, 3))
+    directions = targets + rng.normal(0, 0.004, (300, 3)) - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    found = march(grid, origins, directions, step=0.0005)
+    along = np.arange(0, 0.6, 0.0005)
+    points = origins[:, None] + along[:, None] * directions[:, None]
+    inside = (grid.sample(points) > 0) & ((points > 0) & (points < grid.size)).all(-1)
+    first = np.where(inside.any(1), along[inside.argmax(1)], np.nan)
+    both = np.isfinite(found) & np.isfinite(first)
+    assert both.sum() > 100
+    assert np.abs(found - first)[both].max() < 0.001
+    assert (np.isfinite(found) != np.isfinite(first)).mean() < 0.02
 
 
 def test_rays_of_unlike_number_are_rejected(sphere):

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A volume of any size as the network sees it: cube by cube, and as one field."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from neugrasp_ros.errors import ConfigError, EmptySceneError, ShapeError
+from neugrasp_ros.fusion.tsdf import TsdfVolume
+from neugrasp_ros.geometry.grid import ScalarGrid
+from neugrasp_ros.scene.cubes import (
+    blend_shares,
+    busy,
+    centrality,
+    cover,
+    cut,
+    merge_fields,
+)
+from neugrasp_ros.scene.encoder import volume_channels
+from neugrasp_ros.scene.field import (
+    FREE_LOGIT,
+    CompiledOccupancy,
+    evaluate_field,
+    seen_free,
+)
+from neugrasp_ros.scene.network import SceneNetwork
+from neugrasp_ros.scene.reference import NetworkOccupancy, dense_field
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+IntArray = NDArray[np.int64]
+Box = tuple[FloatArray, FloatArray]
+
+EDGE = 0.3  # [m], of the cube that networks learn
+EDGE_TOLERANCE = 0.05  # share of it that a cube may be larger or smaller
+ABOVE_SUPPORT = 0.008  # [m]; what reaches less far above its support is the support
+NEGLIGIBLE = 0.02  # a cube is not asked where it counts for less than this share
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncodeSettings:
+    """How a volume is cut and encoded.
+
+    Attributes:
+        overlap: What neighbouring cubes share at least, in [m].
+        support_height: Height of the support plane in the task frame in [m].
+        threads: Worker threads.
+        device: Torch device.
+        reference: Ask the network at every sample instead of coarse to fine.
+    """
+
+    overlap: float
+    support_height: float
+    threads: int
+    device: str
+    reference: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedScene:
+    """A volume as the network sees it.
+
+    Attributes:
+        revision: Revision of the volume.
+        volume: The volume itself.
+        corners: Lower corners of the B cubes in [voxel], shape (B, 3).
+        planes: Feature planes of each cube, shape (B, 3, C, R, R).
+        field: Occupancy logits on the volume's grid, positive inside.
+        queries: Points that the network was asked for.
+        cube_voxels: Voxels along a cube's edge, D.
+        occupancies: The cubes' compiled decoders.
+    """
+
+    revision: int
+    volume: TsdfVolume
+    corners: IntArray
+    planes: Tensor
+    field: ScalarGrid
+    queries: int
+    cube_voxels: int
+    occupancies: tuple[CompiledOccupancy, ...] = ()
+
+    @property
+    def edge(self) -> float:
+        """Edge of a cube in [m]."""
+        return self.cube_voxels * self.volume.voxel_size
+
+    @property
+    def boxes(self) -> list[Box]:
+        """Lower and upper corners of the cubes in [m], within the volume."""
+        low = self.corners * self.volume.voxel_size
+        return [(c, np.minimum(c + self.edge, self.volume.size)) for c in low]
+
+    def cubes_of(self, positions: FloatArray) -> IntArray:
+        """Return the cube in which each position (N, 3) in [m] lies deepest, (N,)."""
+        if len(self.corners) == 1:
+            return np.zeros(len(positions), dtype=np.int64)
+        depth = centrality(
+            positions / self.volume.voxel_size, self.corners, self.cube_voxels
+        )
+        return np.asarray(depth.argmax(axis=1))
+
+    def in_cube(self, cube: int, positions: NDArray[np.floating[Any]]) -> FloatArray:
+        """Return positions (..., 3) in [m] in units of a cube's edge."""
+        low = self.corners[cube] * self.volume.voxel_size
+        return np.asarray((positions - low) / self.edge)
+
+    def depth(self, points: FloatArray) -> Float32Array:
+        """Ask the network itself for clipped logits (N,) at points (N, 3) in [m]."""
+        owners = self.cubes_of(points)
+        logits = np.full(len(points), FREE_LOGIT, dtype=np.float32)
+        for cube in np.unique(owners):
+            rows = np.flatnonzero(owners == cube)
+            local = self.in_cube(cube, points[rows])
+            logits[rows] = self.occupancies[cube].at_points(local)
+        shape = np.array(self.volume.distances.shape)
+        cells = np.floor(points / self.volume.voxel_size).astype(np.int64)
+        x, y, z = np.clip(cells, 0, shape - 1).T
+        logits[seen_free(self.volume.distances[x, y, z])] = FREE_LOGIT
+        return logits
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedScene:
+    """The completed surface.
+
+    Attributes:
+        points: Surface points in the task frame in [m], shape (N, 3).
+        normals: Outward unit normals, shape (N, 3).
+    """
+
+    points: FloatArray
+    normals: FloatArray
+
+
+def check_volume(volume: TsdfVolume, size: int) -> None:
+    """Refuse a volume that a network cannot take.
+
+    Args:
+        volume: The volume.
+        size: Voxels along the edge of the network's cube, D.
+
+    Raises:
+        ShapeError: If D voxels do not span the cube that networks learn.
+        EmptySceneError: If no voxel was ever observed.
+    """
+    edge = size * volume.voxel_size
+    if abs(edge - EDGE) > EDGE_TOLERANCE * EDGE:
+        raise ShapeError(
+            "volume",
+            f"voxels of {EDGE / size:.6f} m, {size} along the {EDGE} m cube; "
+            f"voxel_size {volume.voxel_size:.6f}",
+            volume.distances.shape,
+        )
+    if not volume.observed.any():
+        raise EmptySceneError("no voxel of the volume was ever observed")
+
+
+def encode_scene(
+    network: SceneNetwork, volume: TsdfVolume, revision: int, settings: EncodeSettings
+) -> EncodedScene:
+    """Encode all cubes of a volume in which something stands, in one batch.
+
+    Args:
+        network: The network.
+        volume: A volume of any size.
+        revision: Its revision.
+        settings: How.
+
+    Raises:
+        ShapeError: If the voxels do not have the network's size.
+        EmptySceneError: If no voxel was ever observed.
+        ConfigError: If the reference is asked for more than one cube.
+    """
+    size = network.config.resolution
+    check_volume(volume, size)
+    distances, shape = volume.distances, volume.distances.shape
+    voxel = volume.voxel_size
+    corners = cover(shape, size, round(settings.overlap / voxel))
+    floor = (settings.support_height + ABOVE_SUPPORT) / voxel
+    corners = corners[busy(distances, corners, size, floor)]
+    if not len(corners):
+        nothing = np.full(shape, FREE_LOGIT, dtype=np.float32)
+        none = torch.zeros(0)
+        return EncodedScene(
+            revision, volume, corners, none, ScalarGrid(nothing, voxel), 0, size
+        )
+    parts = [cut(distances, corner, size) for corner in corners]
+    channels = torch.from_numpy(np.stack([volume_channels(part) for part in parts]))
+    planes = network.encode(channels.to(settings.device))
+    if settings.reference:
+        merged, queries = _dense(network, planes, parts, voxel)
+    else:
+        merged, queries = _fields(network, planes, parts, corners, shape, settings)
+    occupancies = tuple(
+        CompiledOccupancy(network, planes[b : b + 1], settings.threads)
+        for b in range(len(corners))
+    )
+    grid = ScalarGrid(merged, voxel)
+    return EncodedScene(
+        revision, volume, corners, planes, grid, queries, size, occupancies
+    )
+
+
+def _fields(
+    network: SceneNetwork,
+    planes: Tensor,
+    parts: list[Float32Array],
+    corners: IntArray,
+    shape: tuple[int, int, int],
+    settings: EncodeSettings,
+) -> tuple[Float32Array, int]:
+    """Evaluate each cube's field where it counts, and mix them."""
+    size = len(parts[0])
+    if len(parts) == 1 and shape == (size,) * 3:
+        grid, queries = evaluate_field(network, planes, parts[0], 1.0, settings.threads)
+        return grid.values, queries
+    shares = blend_shares(corners, size, shape)
+    fields, queries = [], 0
+    for b, (part, share) in enumerate(zip(parts, shares, strict=True)):
+        grid, asked = evaluate_field(
+            network,
+            planes[b : b + 1],
+            part,
+            1.0,
+            settings.threads,
+            wanted=share > NEGLIGIBLE,
+        )
+        fields.append(grid.values)
+        queries += asked
+    return merge_fields(fields, shares, corners, shape, FREE_LOGIT), queries
+
+
+def _dense(
+    network: SceneNetwork, planes: Tensor, parts: list[Float32Array], voxel: float
+) -> tuple[Float32Array, int]:
+    if len(parts) > 1:
+        raise ConfigError(
+            f"renderer: reference takes one cube, the volume needs {len(parts)}"
+        )
+    size = len(parts[0])
+    edge = size * voxel
+    occupancy = NetworkOccupancy(network, planes, edge, seen_free(parts[0]))
+    return dense_field(occupancy, size, edge).values, occupancy.queries
