@@ -26,8 +26,8 @@ from neugrasp_ros.pipeline.scenes import (
     RenderedScene,
     encode_scene,
 )
-from neugrasp_ros.scene.reference import render_reference
-from neugrasp_ros.scene.rendering import render_surface
+from neugrasp_ros.scene.reference import NetworkOccupancy, render_reference
+from neugrasp_ros.scene.rendering import render_surface, trace_surface
 
 FloatArray = NDArray[np.float64]
 Box = tuple[FloatArray, FloatArray]
@@ -189,6 +189,28 @@ class GraspPlanner:
                     )
             known.surface = RenderedScene(*found)
             return known.surface
+
+    def trace(
+        self, scene: EncodedScene, origins: FloatArray, directions: FloatArray
+    ) -> FloatArray:
+        """Find where rays meet the completed surface, as ``render`` does.
+
+        Args:
+            scene: The scene.
+            origins: Ray origins in the task frame in [m], shape (R, 3).
+            directions: Unit directions, shape (R, 3).
+
+        Returns:
+            Distances along the rays in [m], shape (R,); NaN where nothing is met.
+        """
+        with self._lock:
+            return trace_surface(
+                scene.field, origins, directions, scene.depth, self._threads
+            )
+
+    def reference(self, scene: EncodedScene) -> NetworkOccupancy:
+        """Return a scene of one cube as the reference renderer asks it."""
+        return self._evaluator.reference(scene)
 
     def sample(
         self,

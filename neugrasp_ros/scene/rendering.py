@@ -80,6 +80,35 @@ def render_surface(
     return points, field.normals(points)
 
 
+def trace_surface(
+    field: ScalarGrid,
+    origins: FloatArray,
+    directions: FloatArray,
+    depth: Callable[[FloatArray], Float32Array],
+    threads: int = 1,
+) -> FloatArray:
+    """Find where single rays meet the surface, refined like ``render_surface``.
+
+    Args:
+        field: Occupancy logits, positive inside.
+        origins: Ray origins in [m], shape (R, 3).
+        directions: Unit directions, shape (R, 3).
+        depth: The network itself, points (N, 3) in, logits (N,) out.
+        threads: Worker threads.
+
+    Returns:
+        Distances along the rays in [m], shape (R,); NaN where nothing is met.
+    """
+    distances = march(field, origins, directions, threads=threads)
+    hit = np.flatnonzero(np.isfinite(distances))
+    if len(hit):
+        met = origins[hit] + distances[hit, None] * directions[hit]
+        reach = REFINE_REACH * field.spacing
+        refined = refine_crossings(depth, met, directions[hit], reach)
+        distances[hit] += np.einsum("ij,ij->i", refined - met, directions[hit])
+    return distances
+
+
 def _look_into(
     field: ScalarGrid, box: Box, config: RenderConfig, threads: int
 ) -> tuple[FloatArray, FloatArray]:
