@@ -63,6 +63,20 @@ def repeats(poses: FloatArray, failed: tuple[FloatArray, ...]) -> NDArray[np.boo
     return repeat
 
 
+def _plan(
+    answer: GraspSet, planner: GraspPlanner, scene: EncodedScene, candidates: GraspSet
+) -> Plan:
+    """Return an answer with what it was chosen from."""
+    return Plan(
+        grasps=answer,
+        timings=dict(planner.timings),
+        n_candidates=len(candidates),
+        classes=planner.affordances,
+        candidates=candidates,
+        surface=planner.render(scene).points,
+    )
+
+
 def neugrasp_policy(config: PlannerConfig) -> Policy:
     """Return the policy that ranks by predicted quality and refuses poor grasps."""
     planning = _Planning(config)
@@ -71,7 +85,7 @@ def neugrasp_policy(config: PlannerConfig) -> Policy:
         planner, scene, grasps = planning.candidates(look, rng)
         scored = planner.evaluate(scene, grasps, support_height=look.table_height)
         good = scored.take(scored.quality >= MIN_QUALITY).ranked()
-        return Plan(good, dict(planner.timings), len(grasps))
+        return _plan(good, planner, scene, grasps)
 
     return choose
 
@@ -83,7 +97,7 @@ def scored_policy(config: PlannerConfig) -> Policy:
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, scene, grasps = planning.candidates(look, rng)
         scored = planner.evaluate(scene, grasps, support_height=look.table_height)
-        return Plan(scored, dict(planner.timings), len(grasps), planner.affordances)
+        return _plan(scored, planner, scene, grasps)
 
     return choose
 
@@ -93,9 +107,9 @@ def random_policy(config: PlannerConfig) -> Policy:
     planning = _Planning(config)
 
     def choose(look: Look, rng: np.random.Generator) -> Plan:
-        planner, _, grasps = planning.candidates(look, rng)
+        planner, scene, grasps = planning.candidates(look, rng)
         shuffled = grasps.take(rng.permutation(len(grasps)))
-        return Plan(shuffled, dict(planner.timings), len(grasps))
+        return _plan(shuffled, planner, scene, grasps)
 
     return choose
 
@@ -108,8 +122,8 @@ def geometry_policy(config: PlannerConfig) -> Policy:
     planning = _Planning(config)
 
     def choose(look: Look, rng: np.random.Generator) -> Plan:
-        planner, _, grasps = planning.candidates(look, rng)
-        return Plan(grasps, dict(planner.timings), len(grasps))
+        planner, scene, grasps = planning.candidates(look, rng)
+        return _plan(grasps, planner, scene, grasps)
 
     return choose
 

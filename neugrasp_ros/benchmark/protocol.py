@@ -132,12 +132,16 @@ class Plan(NamedTuple):
         timings: Seconds per stage.
         n_candidates: How many grasps it looked at.
         classes: Names of the grasps' affordance classes.
+        candidates: The grasps that it looked at, for whoever draws them.
+        surface: The surface that it completed in the task frame in [m], shape (N, 3).
     """
 
     grasps: GraspSet
     timings: Mapping[str, float] = {}
     n_candidates: int = 0
     classes: tuple[str, ...] = ()
+    candidates: GraspSet = GraspSet(np.zeros((0, 4, 4)), np.zeros(0))
+    surface: FloatArray = np.zeros((0, 3))
 
 
 Policy = Callable[[Look, np.random.Generator], Plan]

@@ -31,6 +31,7 @@ def add_parser(
     add("--workers", type=int, default=1)
     add("--weights", default="", help="weights file; default the shipped one")
     add("--json", type=Path, help="where the figures go")
+    add("--album", type=Path, metavar="FOLDER", help="draw every failed attempt")
     add(
         "--table", type=Path, metavar="FOLDER",
         help="run nothing: print the paper's table with the figures in a folder",
@@ -38,12 +39,13 @@ def add_parser(
     parser.set_defaults(run=run)
 
 
-def _setup(policy: str, config: Any) -> tuple[Any, None]:
+def _setup(policy: str, config: Any, album: Path | None = None) -> tuple[Any, Any]:
+    from neugrasp_ros.benchmark.album import Album
     from neugrasp_ros.benchmark.policies import make_policy
     from neugrasp_ros.pipeline import use_threads
 
     use_threads(1)
-    return make_policy(policy, config), None
+    return make_policy(policy, config), Album(album) if album else None
 
 
 def run(args: argparse.Namespace) -> int:
@@ -71,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
     )
     config = PlannerConfig(weights=args.weights, gripper=args.gripper, threads=1)
-    setup = partial(_setup, args.policy, config)
+    setup = partial(_setup, args.policy, config, args.album)
     rounds = []
     for record in run_suite(suite, range(args.rounds), setup, args.workers):
         rounds.append(record)
