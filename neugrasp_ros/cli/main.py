@@ -11,7 +11,7 @@ from typing import NoReturn
 from neugrasp_ros.errors import NeuGraspError
 
 COMMANDS = (
-    "demo", "up", "detect", "doctor", "transport", "warm",
+    "demo", "summarize", "up", "detect", "doctor", "transport", "warm",
     "datagen", "agreement", "train", "evaluate", "bench", "profile",
 )  # fmt: skip
 USAGE = 64  # exit code for a wrong command line, as in sysexits.h
