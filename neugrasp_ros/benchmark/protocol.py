@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.benchmark.records import AttemptRecord, RoundRecord
-from neugrasp_ros.errors import ConfigError, EmptySceneError, UnknownNameError
+from neugrasp_ros.errors import EmptySceneError, UnknownNameError
 from neugrasp_ros.geometry.gripper import Gripper, load_gripper
 from neugrasp_ros.grasp.types import GraspSet
 from sim_bridge.gripper import SimGripper
-from sim_bridge.objects.affordance import SET_NAME as AFFORDANCE_SET
-from sim_bridge.objects.affordance import held_out_names
-from sim_bridge.objects.registry import ObjectSet, object_set, split
+from sim_bridge.objects.registry import ObjectSet, object_set, part_names
 from sim_bridge.observation import (
     DepthView,
     draw_view,
@@ -37,7 +35,6 @@ from sim_bridge.world import TABLE_HEIGHT, World
 FloatArray = NDArray[np.float64]
 
 FAILURES_TO_STOP = 2  # in a row
-HELD_OUT = "held_out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,23 +194,6 @@ def run_round(
             attempts=tuple(round_.attempts),
             scene=scene.as_record(),
         )
-
-
-def part_names(objects: ObjectSet, part: str) -> tuple[str, ...]:
-    """Return the names of a part of an object set.
-
-    Raises:
-        ConfigError: If it is empty.
-    """
-    if part == "all":
-        return objects.names
-    if part == HELD_OUT:
-        names = tuple(held_out_names()) if objects.name == AFFORDANCE_SET else ()
-    else:
-        names = split(objects.names, part)
-    if not names:
-        raise ConfigError(f"the part {part!r} of {objects.name!r} is empty")
-    return names
 
 
 class Round:

@@ -25,7 +25,12 @@ def add_parser(
     )
     parser.add_argument("--scenes", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--split", default="train", choices=("train", "tune", "val"))
+    parser.add_argument(
+        "--split",
+        default="train",
+        choices=("train", "tune", "val", "held_out"),
+        help="held_out: affordance objects never learned from",
+    )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument(
         "--engine", nargs="+", default=["local"], metavar=("local|dask", "ADDRESS")

@@ -23,7 +23,7 @@ from neugrasp_ros.geometry.raycast import MeshScene
 from neugrasp_ros.geometry.transform import pose_from, to_position_quaternion
 from sim_bridge.gripper import SimGripper
 from sim_bridge.objects.grasp_labels import label_grasps
-from sim_bridge.objects.registry import ObjectSet, object_set, split
+from sim_bridge.objects.registry import ObjectSet, object_set, part_names
 from sim_bridge.scene import Scene, placed_model, scene_meshes
 from sim_bridge.scenes import build_scene
 from sim_bridge.trial import collision_label, run_trials, trial_config
@@ -169,7 +169,7 @@ def label_scene(
     """
     rng = np.random.default_rng([job.seed, job.index])
     objects = (sets or {}).get(job.objects) or object_set(job.objects)
-    names = split(objects.names, job.split)
+    names = part_names(objects, job.split)
     varied = job.gripper == VARIED
     gripper = varied_gripper(rng) if varied else load_gripper(job.gripper)
     with World(

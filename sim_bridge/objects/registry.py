@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
 
-from neugrasp_ros.errors import ObjectFileError, UnknownNameError
+from neugrasp_ros.errors import ConfigError, ObjectFileError, UnknownNameError
 from sim_bridge.objects import affordance, procedural
 from sim_bridge.objects.meshes import find_meshes, load_bare_mesh, read_options
 from sim_bridge.objects.model import ObjectModel
@@ -20,6 +20,7 @@ BROKEN_RANDOM_URDFS = ("168",)  # its vertices are not numbers, as published
 FOLDERS_VARIABLE = "NEUGRASP_OBJECTS"  # folders that hold object folders, ':' between
 N_CACHED = 2048  # models kept per set: about 0.1 MB each
 SPLIT_MODULUS = 8
+HELD_OUT = "held_out"
 SPLIT_REMAINDERS = {"val": (0,), "tune": (1,), "train": tuple(range(2, SPLIT_MODULUS))}
 
 
@@ -104,6 +105,30 @@ def split(names: Iterable[str], part: str) -> tuple[str, ...]:
     return tuple(
         sorted(n for n in names if zlib.crc32(n.encode()) % SPLIT_MODULUS in wanted)
     )
+
+
+def part_names(objects: ObjectSet, part: str) -> tuple[str, ...]:
+    """Return the names of a part of an object set.
+
+    Args:
+        objects: The set.
+        part: A part of ``split``, ``all``, or ``HELD_OUT``: the affordance objects of
+            styles or seeds that are never learned from.
+
+    Raises:
+        ConfigError: If the part is empty.
+        UnknownNameError: If there is no such part.
+    """
+    if part == "all":
+        return objects.names
+    if part == HELD_OUT:
+        served = objects.name == affordance.SET_NAME
+        names = tuple(affordance.held_out_names()) if served else ()
+    else:
+        names = split(objects.names, part)
+    if not names:
+        raise ConfigError(f"the part {part!r} of {objects.name!r} is empty")
+    return names
 
 
 def _search_folders(name: str) -> list[Path]:

@@ -12,14 +12,13 @@ from neugrasp_ros.benchmark.probes import (
     offered_classes,
     probe_scene,
 )
-from neugrasp_ros.benchmark.protocol import HELD_OUT, Plan, Suite, part_names
-from neugrasp_ros.errors import ConfigError, UnknownAffordanceError
+from neugrasp_ros.benchmark.protocol import Plan, Suite
+from neugrasp_ros.errors import UnknownAffordanceError
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.grasp.types import GraspSet
-from sim_bridge.objects.affordance import is_held_out
 from sim_bridge.objects.affordances import AFFORDANCE_NAMES
 from sim_bridge.objects.model import Part
-from sim_bridge.objects.registry import ObjectSet, object_set
+from sim_bridge.objects.registry import ObjectSet
 from sim_bridge.scene import PlacedObject, Scene
 
 HALF = 0.02  # [m], of a cube that is the body of a mug
@@ -89,10 +88,3 @@ def test_classes_are_offered_by_the_parts_of_the_objects():
     offered = offered_classes(scene, SETS)
     assert {AFFORDANCE_NAMES[i] for i in np.flatnonzero(offered)} == {"wrap", "pour"}
     assert not offered_classes(Scene("empty", 0, ())).any()
-
-
-def test_held_out_objects_are_those_never_learned_from():
-    names = part_names(object_set("affordance"), HELD_OUT)
-    assert names and all(is_held_out(name) for name in names)
-    with pytest.raises(ConfigError, match="'held_out' of 'mugs' is empty"):
-        part_names(SETS["mugs"], HELD_OUT)

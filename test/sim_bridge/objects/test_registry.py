@@ -4,8 +4,15 @@ import zlib
 import numpy as np
 import pytest
 
-from neugrasp_ros.errors import ObjectFileError, UnknownNameError
-from sim_bridge.objects.registry import ObjectSet, object_set, split
+from neugrasp_ros.errors import ConfigError, ObjectFileError, UnknownNameError
+from sim_bridge.objects.affordance import is_held_out
+from sim_bridge.objects.registry import (
+    HELD_OUT,
+    ObjectSet,
+    object_set,
+    part_names,
+    split,
+)
 
 BOX_URDF = (
     '<robot name="x"><link name="a"><collision><geometry><box size="0.1 0.1 0.1"/>'
@@ -95,3 +102,12 @@ def test_set_sorts_its_names_and_loads_each_once():
     objects.load("b")
     objects.load("b")
     assert loaded == ["b"]
+
+
+def test_held_out_objects_are_those_never_learned_from():
+    names = part_names(object_set("affordance"), HELD_OUT)
+    assert names and all(is_held_out(name) for name in names)
+    learned = part_names(object_set("affordance"), "train")
+    assert learned and not any(is_held_out(name) for name in learned)
+    with pytest.raises(ConfigError, match="'held_out' of 'procedural' is empty"):
+        part_names(object_set("procedural"), HELD_OUT)
