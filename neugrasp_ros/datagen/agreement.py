@@ -79,7 +79,8 @@ def recheck(job: Recheck) -> Outcomes:
         SimulationError: If the engine refuses an object.
     """
     grasps, config = job.labels.grasps, trial_config(FULL_PRESET)
-    poses, openings = grasps.poses(), grasps.openings.astype(np.float64)
+    poses = grasps.poses()
+    openings = np.minimum(grasps.openings, job.labels.gripper.max_opening)
     with World(solver_iterations=config.solver_iterations) as world:
         rebuild_scene(world, job.labels.scene)
         hand = SimGripper(world, job.labels.gripper)
