@@ -103,6 +103,23 @@ class MotionError(NeuGraspError):
     """No motion was found, or one was asked for that must not be made."""
 
 
+class CanceledError(NeuGraspError):
+    """What was running was stopped on request."""
+
+
+class UnreachableError(MotionError):
+    """A pose that no arm can bring its hand to.
+
+    Args:
+        code: A ``REACH_*`` number.
+        reason: What is in the way, in words.
+    """
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
 class SimulationError(NeuGraspError):
     """The physics engine refused a body or a body did not settle."""
 

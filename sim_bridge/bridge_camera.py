@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.geometry.camera import Intrinsics
+from neugrasp_ros.geometry.raycast import RayHits
 from sim_bridge.bridge_world import Snapshot
 from sim_bridge.observation import mesh_scene
 from sim_bridge.scene import posed_meshes
@@ -42,10 +43,9 @@ class BridgeCamera:
         return self._labels
 
     def _draw(self, snapshot: Snapshot) -> None:
-        if self._drawn is not None and _is_still(self._drawn, snapshot):
+        if self._drawn is not None and self.is_still(self._drawn, snapshot):
             return
-        meshes = posed_meshes(list(snapshot.models), list(snapshot.poses))
-        hits = mesh_scene(meshes, table=True).view(self.intrinsics, self.T_task_camera)
+        hits = self._view(snapshot)
         shape = (self.intrinsics.height, self.intrinsics.width)
         depth = np.where(hits.distances <= FAR, hits.distances, np.nan)
         self._depth = depth.reshape(shape).astype(np.float32)
@@ -53,8 +53,12 @@ class BridgeCamera:
         self._drawn = snapshot
         self.renderings += 1
 
+    def _view(self, snapshot: Snapshot) -> RayHits:
+        meshes = posed_meshes(list(snapshot.models), list(snapshot.poses))
+        return mesh_scene(meshes, table=True).view(self.intrinsics, self.T_task_camera)
 
-def _is_still(before: Snapshot, now: Snapshot) -> bool:
-    return before.names == now.names and bool(
-        (np.abs(before.poses - now.poses) < STILL).all()
-    )
+    def is_still(self, before: Snapshot, now: Snapshot) -> bool:
+        """Tell whether two snapshots would give the same picture."""
+        return before.names == now.names and bool(
+            (np.abs(before.poses - now.poses) < STILL).all()
+        )

@@ -108,10 +108,12 @@ class BridgeConfig(Checked):
 class SimBridgeNode(Node):
     """The fake driver of the real cell."""
 
+    config_type: type[BridgeConfig] = BridgeConfig
+
     def __init__(self, **node_options: Any) -> None:
         """Build the world, then wire topics and services."""
         super().__init__(NAME, **node_options)
-        self._config = declare_config(self, BridgeConfig)
+        self._config = declare_config(self, self.config_type)
         config = self._config.current
         self._T_base_task = workspace_pose(config.workspace)
         self._base = config.workspace.frame
@@ -121,11 +123,8 @@ class SimBridgeNode(Node):
         intrinsics = Intrinsics.from_hfov(
             camera.width, camera.height, float(np.deg2rad(camera.hfov_deg))
         )
-        self._camera = BridgeCamera(
-            intrinsics, invert(self._T_base_task) @ T_base_camera
-        )
-        scenes = BridgeScenes(config.objects, config.object_part)
-        self.world = BridgeWorld(self._gripper, scenes, config.realtime_factor)
+        self._camera = self._make_camera(intrinsics, T_base_camera)
+        self.world = self._make_world(config)
         self.world.spawn(config.kind, config.seed, config.count)
         self._rng = np.random.default_rng(config.seed)
         self._counts: dict[str, float] = {"published": 0}
@@ -134,6 +133,19 @@ class SimBridgeNode(Node):
         self._create_services()
         self._thread = threading.Thread(target=self._shoot, name="camera", daemon=True)
         self._thread.start()
+
+    def _make_camera(
+        self, intrinsics: Intrinsics, T_base_camera: FloatArray
+    ) -> BridgeCamera:
+        return BridgeCamera(intrinsics, invert(self._T_base_task) @ T_base_camera)
+
+    def _make_world(self, config: BridgeConfig) -> BridgeWorld:
+        scenes = BridgeScenes(config.objects, config.object_part)
+        return BridgeWorld(self._gripper, scenes, config.realtime_factor)
+
+    def _T_base_world(self, snapshot: Snapshot) -> FloatArray:
+        """Return the world's frame as seen from the robot's base, shape (4, 4)."""
+        return self._T_base_task
 
     def _stand(self, config: BridgeConfig) -> FloatArray:
         """Put the robot into its posture; publish its frames; return T_base_camera."""
@@ -218,7 +230,7 @@ class SimBridgeNode(Node):
     def _publish_objects(self) -> None:
         snapshot = self.world.snapshot
         boxes = [
-            _labelled_box(name, model.bounds(), self._T_base_task @ pose)
+            _labelled_box(name, model.bounds(), self._T_base_world(snapshot) @ pose)
             for name, model, pose in zip(
                 snapshot.names, snapshot.models, snapshot.poses, strict=True
             )
@@ -229,7 +241,7 @@ class SimBridgeNode(Node):
     def _shoot(self) -> None:
         """Publish images at the camera's rate in simulated time."""
         due = self.world.snapshot.time
-        while not self._closed.is_set():
+        while not self._closed.is_set() and self.context.ok():
             snapshot = self.world.snapshot
             if snapshot.time < due:
                 self._closed.wait(POLL)

@@ -43,12 +43,14 @@ class Snapshot(NamedTuple):
         names: Names of the objects.
         models: Their models.
         poses: Their poses ``T_task_object``, shape (B, 4, 4).
+        robot: The robot, where there is a whole one.
     """
 
     time: int
     names: tuple[str, ...]
     models: tuple[ObjectModel, ...]
     poses: FloatArray
+    robot: Any = None
 
 
 class _PacedWorld(World):
@@ -143,9 +145,17 @@ class BridgeWorld:
             UnknownNameError: If the kind is unknown.
             SimulationError: If the engine refuses an object.
         """
-        self.scenes.load(kind)
+        self.check_kind(kind)
         names = self.do(lambda: self._spawn(kind, seed, count)).result()
         return tuple(names)
+
+    def check_kind(self, kind: str) -> None:
+        """Refuse an unknown scene kind.
+
+        Raises:
+            UnknownNameError: If it, or the object set, is unknown.
+        """
+        self.scenes.load(kind)
 
     def reset(self) -> tuple[str, ...]:
         """Build the last scene again; return the objects' names."""
@@ -169,7 +179,7 @@ class BridgeWorld:
         return result
 
     def _run(self) -> None:
-        self._world = _PacedWorld(self._on_steps)
+        self._world = self._make_world()
         with self._world:
             while not self._closed:
                 if self._jobs:
@@ -180,6 +190,9 @@ class BridgeWorld:
                         future.set_exception(error)
                     continue
                 self._world.step(PACE_STEPS)
+
+    def _make_world(self) -> World:
+        return _PacedWorld(self._on_steps)
 
     def _on_steps(self, steps: int) -> None:
         """Advance the clock, take a snapshot, and wait until it is time."""
@@ -213,19 +226,23 @@ class BridgeWorld:
         return Snapshot(self._time, names, models, poses)
 
     def _spawn(self, kind: str, seed: int, count: int) -> tuple[str, ...]:
-        objects, names = self.scenes.load(kind)
-        how = "pile" if kind == "affordance" else kind
-        rng = np.random.default_rng(seed)
         self._live = False  # building a scene takes no simulated time
         try:
-            build_scene(self._world, how, objects, names, rng, count=count, seed=seed)
-            self._hand = SimGripper(self._world, self.gripper)
+            self._build(kind, seed, count)
         finally:
             self._live = True
             self._due = time.monotonic()
         self._last_spawn = (kind, seed, count)
         self.snapshot = self._look()
         return self.snapshot.names
+
+    def _build(self, kind: str, seed: int, count: int) -> None:
+        """Put table, objects and gripper into the world."""
+        objects, names = self.scenes.load(kind)
+        how = "pile" if kind == "affordance" else kind
+        rng = np.random.default_rng(seed)
+        build_scene(self._world, how, objects, names, rng, count=count, seed=seed)
+        self._hand = SimGripper(self._world, self.gripper)
 
     def _try_grasp(
         self, T_task_gripper: FloatArray, opening: float, lift_height: float

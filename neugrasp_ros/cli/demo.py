@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-START_TIMEOUT = 90.0  # [s]
 STOP_TIMEOUT = 10.0  # [s]
 
 
@@ -23,14 +22,26 @@ def add_parser(
         "demo", help="clear a seeded table in the simulator; exit 0 if a grasp held"
     )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--scene", default="pile", help="pile or packed")
+    parser.add_argument(
+        "--scene", default="pile",
+        help="pile or packed; with --robot tiago also table, shelf, cupboard, or such "
+        "as shelf:packed",
+    )  # fmt: skip
     parser.add_argument("--objects", type=int, default=5)
+    parser.add_argument(
+        "--robot", choices=("gripper", "tiago"), default="gripper",
+        help="a gripper alone, which is quick, or the whole TIAGo++",
+    )  # fmt: skip
     parser.add_argument("--separate", action="store_true", help="one process per node")
     parser.add_argument(
         "--affordance", default="",
         help="such as pour: affordance objects, each class asked for, this one tried",
     )  # fmt: skip
     parser.add_argument("--picture", type=Path, default=Path("out/demo.png"))
+    parser.add_argument(
+        "-p", "--param", metavar="NODE:NAME:=VALUE", action="append", default=[],
+        help="set a parameter of the suite",
+    )  # fmt: skip
     parser.add_argument("--json", type=Path, help="write the attempts here, too")
     parser.set_defaults(run=run)
 
@@ -50,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     log_path = args.picture.with_suffix(".log")
     with log_path.open("w") as log:
         suite = subprocess.Popen(
-            [*command, *(["--separate"] if args.separate else [])],
+            [*command, *_options(args)],
             stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
@@ -61,7 +72,10 @@ def run(args: argparse.Namespace) -> int:
             _stop(suite)
     if args.json:
         result["weights_sha256"] = file_sha256(default_weights())
-        result["command"] = f"neugrasp demo --seed {args.seed} --scene {args.scene}"
+        result["command"] = (
+            f"neugrasp demo --robot {args.robot} --seed {args.seed} "
+            f"--scene {args.scene} --objects {args.objects}"
+        )
         args.json.parent.mkdir(parents=True, exist_ok=True)
         args.json.write_text(json.dumps(result, indent=1) + "\n")
     print(f"log of the suite: {log_path}")
@@ -72,6 +86,16 @@ def run(args: argparse.Namespace) -> int:
         f"in {len(result['attempts'])} attempts"
     )
     return 0 if result["lifted"] else 1
+
+
+def _options(args: argparse.Namespace) -> list[str]:
+    """Return the options of ``neugrasp up`` for a demonstration."""
+    options = ["--separate"] if args.separate else []
+    if args.robot == "tiago":
+        options.append("--execute")
+    for parameter in args.param:
+        options += ["-p", parameter]
+    return options
 
 
 def _clear(args: argparse.Namespace) -> dict[str, Any]:
@@ -85,7 +109,7 @@ def _clear(args: argparse.Namespace) -> dict[str, Any]:
         n_objects=args.objects,
         affordance=args.affordance,
         picture=args.picture,
-        start_timeout=START_TIMEOUT,
+        robot=args.robot == "tiago",
         say=lambda line: print(line, flush=True),
     )
 

@@ -24,6 +24,10 @@ def add_parser(
         "Like `ros2 launch neugrasp_ros grasp.launch.py`.",
     )
     parser.add_argument("--sim", action="store_true", help="with the simulated cell")
+    parser.add_argument(
+        "--execute", action="store_true",
+        help="with the node that moves the arms; --sim is a whole robot then",
+    )  # fmt: skip
     parser.add_argument("--separate", action="store_true", help="one process per node")
     parser.add_argument(
         "--params", metavar="FILE", action="append", default=[],
@@ -63,7 +67,9 @@ def commands(args: argparse.Namespace) -> list[Command]:
                 ),
             ),
         )
-        for spec in suite(sim=args.sim, separate=args.separate)
+        for spec in suite(
+            sim=args.sim, separate=args.separate, whole_robot=args.execute
+        )
     ]
 
 

@@ -69,6 +69,8 @@ class DemoClient(Node):
         spin: Called to let callbacks run for up to the given time in [s].
     """
 
+    failures_to_stop = FAILURES_TO_STOP
+
     def __init__(self, spin: Callable[[float], None]) -> None:
         super().__init__("demo_client")
         self._spin = spin
@@ -98,7 +100,7 @@ class DemoClient(Node):
             DemoError: Naming what is still missing after ``timeout`` [s].
         """
         deadline = time.monotonic() + timeout
-        clients = (self._detect, self._spawn, self._try)
+        clients = self.clients_needed()
         while time.monotonic() < deadline:
             missing = [c.srv_name for c in clients if not c.service_is_ready()]
             if not missing and "volume" in self._latest:
@@ -108,6 +110,10 @@ class DemoClient(Node):
             f"after {timeout:.0f} s still missing: "
             f"{', '.join(missing) or 'the first volume on tsdf'}"
         )
+
+    def clients_needed(self) -> tuple[Any, ...]:
+        """Return the clients without whose service nothing can be shown."""
+        return (self._detect, self._spawn, self._try)
 
     def clear_table(
         self,
@@ -134,11 +140,12 @@ class DemoClient(Node):
         )
         if not spawned.success:
             raise DemoError(f"spawn_scene: {spawned.message}")
+        self.prepare_scene(kind)
         result = DemoResult(objects=len(spawned.names))
         failures = skips = 0
         while (
             result.lifted < result.objects
-            and failures < FAILURES_TO_STOP
+            and failures < self.failures_to_stop
             and skips < SKIPS_TO_STOP
         ):
             answer = self._ask(seed, affordance)
@@ -155,6 +162,9 @@ class DemoClient(Node):
             failures = 0 if attempt.success else failures + 1
             report(result)
         return result
+
+    def prepare_scene(self, kind: str) -> None:
+        """Do what a new scene of a kind needs; nothing on a table."""
 
     def _pause(self, seconds: float) -> None:
         """Let callbacks run for a while."""
@@ -189,13 +199,15 @@ class DemoClient(Node):
         tried = self._call(self._try, TryGrasp.Request(grasp=alone))
         return Attempt(best.quality, best.width, tried.success, tried.message)
 
-    def _call(self, client: Any, request: Any) -> Any:
-        future = client.call_async(request)
-        deadline = time.monotonic() + CALL_TIMEOUT
+    def _call(self, client: Any, request: Any, timeout: float = CALL_TIMEOUT) -> Any:
+        return self._await(client.call_async(request), client.srv_name, timeout)
+
+    def _await(self, future: Any, what: str, timeout: float) -> Any:
+        deadline = time.monotonic() + timeout
         while not future.done() and time.monotonic() < deadline:
             self._spin(0.05)
         if not future.done():
-            raise DemoError(f"{client.srv_name} gave no answer in {CALL_TIMEOUT:.0f} s")
+            raise DemoError(f"{what} gave no answer in {timeout:.0f} s")
         return future.result()
 
     def _has_surface_of(self, answer: GraspArray) -> bool:

@@ -15,10 +15,13 @@ from neugrasp_ros.nodes.demo_client import (
     DemoResult,
     stage_milliseconds,
 )
+from neugrasp_ros.nodes.robot_demo import RobotDemoClient
 from neugrasp_ros.nodes.runtime import ros
 from neugrasp_ros.pictures.decision import draw_decision
+from neugrasp_ros.pictures.film import write_film, write_strip
 
 GRIPPER = "robotiq_2f85"
+START_TIMEOUT = 90.0  # [s]
 HEADER = (
     f"{'try':>3} {'quality':>7} {'width':>8}  {'result':<28} milliseconds per stage"
 )
@@ -31,7 +34,7 @@ def run_demo(
     n_objects: int,
     affordance: str,
     picture: Path,
-    start_timeout: float,
+    robot: bool,
     say: Callable[[str], None],
 ) -> dict[str, Any]:
     """Clear a table, tell the attempts as they come, draw the first decision.
@@ -42,7 +45,8 @@ def run_demo(
         n_objects: Objects asked for.
         affordance: Query of every detection.
         picture: Where the picture goes.
-        start_timeout: How long the suite may take to be ready [s].
+        robot: A whole robot carries the grasps out; a film of it goes beside the
+            picture.
         say: Shows a line to the user.
 
     Returns:
@@ -52,10 +56,11 @@ def run_demo(
     result, error = DemoResult(objects=0), ""
     with ros("demo", None):
         executor = SingleThreadedExecutor()
-        client = DemoClient(lambda seconds: executor.spin_once(timeout_sec=seconds))
+        kind_of_client = RobotDemoClient if robot else DemoClient
+        client = kind_of_client(lambda seconds: executor.spin_once(timeout_sec=seconds))
         executor.add_node(client)
         try:
-            client.wait_for_suite(start_timeout)
+            client.wait_for_suite(START_TIMEOUT)
             say(HEADER)
             result = client.clear_table(
                 kind, seed, n_objects, lambda r: say(_last_line(r)), affordance
@@ -78,6 +83,14 @@ def run_demo(
             f"{result.objects} in {len(result.attempts)} attempts",
         )
         say(f"picture: {picture}")
+    record: dict[str, Any] = {}
+    if isinstance(client, RobotDemoClient):
+        record["largest_contact_n"] = client.largest_contact
+        if client.frames:
+            film, strip = picture.with_suffix(".gif"), _beside(picture, "strip")
+            write_film(client.frames, film)
+            write_strip(client.frames, strip)
+            say(f"film: {film}\nstrip: {strip}")
     return {
         "scene": kind,
         "seed": seed,
@@ -85,8 +98,13 @@ def run_demo(
         "lifted": result.lifted,
         "attempts": [asdict(attempt) for attempt in result.attempts],
         "milliseconds": [stage_milliseconds(report) for report in result.reports],
+        **record,
         **({"error": error} if error else {}),
     }
+
+
+def _beside(picture: Path, name: str) -> Path:
+    return picture.with_name(f"{picture.stem}_{name}.png")
 
 
 def _last_line(result: DemoResult) -> str:

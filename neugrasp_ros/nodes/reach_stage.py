@@ -2,7 +2,7 @@
 """What ``reachability_filter`` does, without its topics."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, Protocol
 
@@ -18,6 +18,7 @@ from neugrasp_ros.nodes.params import LiveConfig
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import ReachConfig
 from neugrasp_ros.nodes.transforms import Transforms
+from neugrasp_ros.robot.obstacles import SolidBox, make_obstacles
 
 FloatArray = NDArray[np.float64]
 
@@ -41,6 +42,7 @@ class Checker(Protocol):
         arms: tuple[str, ...],
         start: Mapping[str, float],
         points: FloatArray | None,
+        boxes: Sequence[SolidBox] = (),
     ) -> "Checked":
         """Check poses for any of the arms.
 
@@ -49,6 +51,7 @@ class Checker(Protocol):
             arms: Planning groups to try.
             start: Present joint values by name.
             points: Surface of the scene in the base frame (M, 3), None = unknown.
+            boxes: Known solid boxes in the base frame.
         """
 
     def tcp_frame(self, arm: str) -> str:
@@ -105,12 +108,15 @@ class RobotChecker:
         arms: tuple[str, ...],
         start: Mapping[str, float],
         points: FloatArray | None,
+        boxes: Sequence[SolidBox] = (),
     ) -> Checked:
         """Check poses (G, 4, 4), see ``Checker``."""
-        from neugrasp_ros.robot.obstacles import make_obstacles
-
-        obstacles = None if points is None else make_obstacles(points)
         q_start = self._robot.configuration(start, default=self._robot.home)
+        if points is not None and len(points):
+            points = points[self._checker.collisions.off_robot(points, q_start)]
+        obstacles = None
+        if points is not None or boxes:
+            obstacles = make_obstacles(points, boxes=boxes)
         with self._lock:
             result = self._checker.check(
                 T_base_grippers, arms=arms, start=q_start, obstacles=obstacles
@@ -149,6 +155,9 @@ class ReachStage:
         config: Live configuration.
         transforms: From other frames to the robot's base.
         joints: Returns the newest joint values by name.
+
+    Attributes:
+        boxes: Known solid boxes in the robot's base frame.
     """
 
     def __init__(
@@ -163,6 +172,12 @@ class ReachStage:
         self._transforms = transforms
         self._joints = joints
         self._view: SceneView | None = None
+        self.boxes: tuple[SolidBox, ...] = ()
+
+    @property
+    def base_frame(self) -> str:
+        """Frame in which the robot takes poses."""
+        return self._checker.base_frame
 
     def remember(self, view: SceneView) -> None:
         """Take the newest scene as what the robot must not hit."""
@@ -197,6 +212,7 @@ class ReachStage:
             arms or self._config.current.arms,
             start or self._joints(),
             self._obstacles(),
+            self.boxes,
         )
         reach, poses = checked.reach, grasps.grasps.poses
         poses = np.where(checked.flipped[:, None, None], flip_gripper(poses), poses)

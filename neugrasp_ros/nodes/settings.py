@@ -7,6 +7,7 @@ from typing import Any
 
 from neugrasp_ros.config import Checked, option
 from neugrasp_ros.errors import ConfigError
+from neugrasp_ros.manipulation.settings import ExecutorConfig, MoverConfig
 from neugrasp_ros.nodes.params import fixed
 from neugrasp_ros.robot.settings import IkConfig, ReachabilityConfig
 
@@ -187,6 +188,25 @@ class ReachConfig(ReachabilityConfig):
     max_grasps: int = option(512, "Grasps checked of one list", 1, 4096)
     keep_unreachable: bool = option(False, "Publish them too, marked and last")
     ik: IkConfig = part(IkConfig, "Inverse kinematics")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExecuteConfig(ExecutorConfig, SupportConfig):
+    """Parameters of ``grasp_executor``, all read-only after start."""
+
+    robot: str = option("tiago_dual", "Robot's name or its YAML file")
+    controllers: tuple[str, ...] = option(
+        ("torso_controller", "arm_left_controller", "arm_right_controller"),
+        "Trajectory controllers; each moves the joints that begin like its name",
+    )
+    open_fully: bool = option(
+        True, "Approach with open jaws, as the network learned; else with Grasp.width"
+    )
+    fresh_view: float = option(
+        3.0, "Longest wait for a view newer than the goal [s]", 0.0, 60.0
+    )
+    reach: ReachabilityConfig = part(ReachabilityConfig, "What a grasp needs")
+    mover: MoverConfig = part(MoverConfig, "How the arm moves")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,12 +39,25 @@ PROCESSING = (
 )
 COMPOSED = NodeSpec("neugrasp", "neugrasp_ros.nodes.composed", reads_depth=True)
 SIMULATOR = NodeSpec("sim_bridge", "sim_bridge.bridge_node")
+ROBOT_SIMULATOR = NodeSpec("sim_bridge", "sim_bridge.robot_bridge_node")
+EXECUTOR = NodeSpec("grasp_executor", "neugrasp_ros.nodes.grasp_executor")
 
 
-def suite(*, sim: bool, separate: bool) -> tuple[NodeSpec, ...]:
-    """Return the processes to start: one for all nodes, or one for each."""
+def suite(
+    *, sim: bool, separate: bool, whole_robot: bool = False
+) -> tuple[NodeSpec, ...]:
+    """Return the processes to start: one for all nodes, or one for each.
+
+    Args:
+        sim: With the simulated cell.
+        separate: One process for each processing node.
+        whole_robot: With the node that moves the arms; the simulated cell is a whole
+            robot then, not a gripper alone.
+    """
     processing = PROCESSING if separate else (COMPOSED,)
-    return (*((SIMULATOR,) if sim else ()), *processing)
+    simulator = ROBOT_SIMULATOR if whole_robot else SIMULATOR
+    before = (simulator,) if sim else ()
+    return (*before, *processing, *((EXECUTOR,) if whole_robot else ()))
 
 
 def clock_users(spec: NodeSpec) -> tuple[str, ...]:

@@ -47,6 +47,7 @@ class CollisionChecker:
         padding: float = 0.003,
         jaw_padding: float = 0.001,
         check_self: bool = True,
+        self_padding: float | None = None,
     ) -> None:
         """Collect hulls and pairs.
 
@@ -55,6 +56,8 @@ class CollisionChecker:
             padding: Distance that links keep from each other and the scene in [m].
             jaw_padding: Distance that the hand in use keeps from the scene in [m].
             check_self: Look at the robot's own links at all.
+            self_padding: Distance that links keep from each other in [m]; default
+                ``padding``.
 
         Raises:
             RobotModelError: If an excluded pair names a link that does not exist.
@@ -64,6 +67,7 @@ class CollisionChecker:
         self._hulls, self.links = robot_hulls(robot)
         self._balls = body_balls(self._hulls, len(robot.joint_names))
         self._padding, self._jaw_padding = padding, jaw_padding
+        self._self_padding = padding if self_padding is None else self_padding
         self.pairs = self._find_pairs()[: None if check_self else 0]
         self._nothing = make_obstacles()
         self._scopes: dict[str, Scope] = {}
@@ -228,7 +232,7 @@ class CollisionChecker:
             movers=movers,
             padding=np.where(hand, self._jaw_padding, self._padding),
             hand=hand.astype(np.bool_),
-            self_padding=self._padding,
+            self_padding=self._self_padding,
         )
 
     def _ancestors(self, body: int) -> set[int]:

@@ -13,7 +13,9 @@ from neugrasp_ros.robot.description import Placement, RobotDescription
 Element = ElementTree.Element
 
 FINGER_MASS = 0.05  # [kg]
-PALM_MASS = 0.95  # [kg]; with the fingers 1.05 kg, a 2F-85
+CARRIAGE_MASS = 0.05  # [kg], carries the fingers
+CARRIAGE_FORCE = 500.0  # [N]; a linkage does not give way
+PALM_MASS = 0.9  # [kg]; with the fingers 1.05 kg, a 2F-85
 
 
 def finger_joints(key: str) -> tuple[str, str]:
@@ -24,11 +26,19 @@ def finger_joints(key: str) -> tuple[str, str]:
     return f"gripper_{key}_left_slide_joint", f"gripper_{key}_right_slide_joint"
 
 
+def advance_joint(key: str) -> str:
+    """Return the joint that carries both fingers ahead while the jaws close, in [m].
+
+    A linkage swings its pads; nobody commands this joint, it follows the jaws.
+    """
+    return f"gripper_{key}_advance_joint"
+
+
 def derive_urdf(description: RobotDescription) -> str:
     """Return the robot as one URDF text, for this process only.
 
     Links of ``remove_links`` are gone with their subtrees; every mounted gripper is
-    there as three boxes with two prismatic joints, and its frame
+    there as three boxes with prismatic joints, and its frame
     ``gripper_<key>_tcp``; added frames are links without geometry; mesh file names
     are absolute. The text must not be stored in a place that is published: the
     licence of the original holds for it.
@@ -100,21 +110,29 @@ def _add_gripper(robot: Element, key: str, gripper: Gripper, at: Placement) -> N
     _add_link(robot, tcp)
     ahead = Placement(parent=base, xyz=(gripper.mount_to_tcp, 0.0, 0.0))
     _add_joint(robot, f"{tcp}_joint", tcp, ahead)
+    carrier, name = f"gripper_{key}_carriage_link", advance_joint(key)
+    _add_link(robot, carrier, CARRIAGE_MASS)
+    joint = _add_joint(robot, name, carrier, Placement(parent=base), "prismatic")
+    _limit(joint, "1 0 0", gripper.tip_advance, CARRIAGE_FORCE)
     for side, name, (center, size) in zip(
         (1, -1), finger_joints(key), boxes[:2], strict=True
     ):
         finger = name.replace("_slide_joint", "_finger_link")
         _add_box(_add_link(robot, finger, FINGER_MASS), center, size)
-        joint = _add_joint(robot, name, finger, Placement(parent=base), "prismatic")
-        ElementTree.SubElement(joint, "axis", xyz=f"0 {side} 0")
-        ElementTree.SubElement(
-            joint,
-            "limit",
-            lower="0",
-            upper=repr(gripper.max_opening / 2),
-            velocity="0.15",
-            effort=repr(gripper.max_force),
-        )
+        joint = _add_joint(robot, name, finger, Placement(parent=carrier), "prismatic")
+        _limit(joint, f"0 {side} 0", gripper.max_opening / 2, gripper.max_force)
+
+
+def _limit(joint: Element, axis: str, travel: float, effort: float) -> None:
+    ElementTree.SubElement(joint, "axis", xyz=axis)
+    ElementTree.SubElement(
+        joint,
+        "limit",
+        lower="0",
+        upper=repr(travel),
+        velocity="0.15",
+        effort=repr(effort),
+    )
 
 
 def _add_link(robot: Element, name: str, mass: float = 0.0) -> Element:

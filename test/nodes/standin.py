@@ -77,7 +77,7 @@ class SideChecker:
     joint_names = ("left_joint", "right_joint")
     arms = ("arm_left_torso", "arm_right_torso")
 
-    def check(self, T_base_grippers, arms, start, points):
+    def check(self, T_base_grippers, arms, start, points, boxes=()):
         left = T_base_grippers[:, 1, 3] >= 0
         wanted = np.where(left, self.arms[0], self.arms[1])
         reached = np.isin(wanted, arms)

@@ -109,6 +109,27 @@ def write_depth(
     return _write(pixels, encoding, frame_id, stamp)
 
 
+def write_color(pixels: NDArray[np.uint8], frame_id: str, stamp: Time) -> Image:
+    """Return a picture of shape (H, W, 3), red first, as an ``rgb8`` message."""
+    height, width, _ = pixels.shape
+    image = Image(height=height, width=width, encoding="rgb8", step=3 * width)
+    image.header.frame_id, image.header.stamp = frame_id, stamp
+    image.data = to_bytes(pixels)
+    return image
+
+
+def read_color(image: Image) -> NDArray[np.uint8]:
+    """Return an ``rgb8`` message as a picture of shape (H, W, 3).
+
+    Raises:
+        DepthImageError: If it has another encoding.
+    """
+    if image.encoding != "rgb8":
+        raise DepthImageError(f"expected encoding rgb8, got {image.encoding!r}")
+    rows = np.frombuffer(image.data, dtype=np.uint8).reshape(image.height, image.step)
+    return rows[:, : 3 * image.width].reshape(image.height, image.width, 3)
+
+
 def write_labels(
     labels: NDArray[np.integer], encoding: str, frame_id: str, stamp: Time
 ) -> Image:

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A grasp carried out: the robot's ways through its scene, step by step."""

@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A grasp carried out step by step, and what came of it.
+
+The executor plans and decides; a ``Hardware`` moves, senses and may be told to stop.
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
+from neugrasp_ros.manipulation.mover import ArmMover, PlannedGrasp, Surroundings
+from neugrasp_ros.manipulation.settings import ExecutorConfig
+from neugrasp_ros.motion.limits import Trajectory
+
+FloatArray = NDArray[np.float64]
+Report = Callable[[str, float], None]
+"""Told the stage, and the share done 0..1."""
+
+_log = logging.getLogger(__name__)
+
+
+class GraspOutcome(IntEnum):
+    """What came of a grasp; the numbers are those of the action."""
+
+    GRASPED = 0
+    MISSED = 1
+    SLIPPED = 2
+    ABORTED = 3
+    STALE = 4
+    UNREACHABLE = 5
+    CANCELED = 6
+
+
+class Outcome(NamedTuple):
+    """The end of an execution.
+
+    Attributes:
+        kind: Which of the ends.
+        message: The reason for people.
+        opening: Of the jaws at the end in [m]; NaN where no arm was chosen.
+    """
+
+    kind: GraspOutcome
+    message: str
+    opening: float = float("nan")
+
+
+class Hardware(Protocol):
+    """A robot that moves, and senses."""
+
+    def configuration(self) -> FloatArray:
+        """Return the measured configuration, shape (J,)."""
+
+    def follow(self, group: str, motion: Trajectory) -> None:
+        """Carry out a motion.
+
+        Raises:
+            MotionError: If the robot could not.
+            CanceledError: If it was stopped on request; it stands still by then.
+        """
+
+    def move_jaws(self, gripper: str, opening: float) -> None:
+        """Bring jaws to an opening in [m], or until they hold something.
+
+        Raises:
+            CanceledError: If it was stopped on request.
+        """
+
+    def opening(self, gripper: str) -> float:
+        """Return the measured opening of jaws in [m]."""
+
+    def surroundings(self) -> Surroundings:
+        """Return what is around now."""
+
+    def has_moved(self, T_base_gripper: FloatArray) -> bool:
+        """Tell whether the thing to grasp left its place since it was seen."""
+
+
+class Held(NamedTuple):
+    """What a hand holds: the arm, and where it was taken from."""
+
+    arm: str
+    T_base_gripper: FloatArray
+
+
+class GraspExecutor:
+    """Carries out grasps, one at a time.
+
+    Args:
+        mover: Plans.
+        hardware: Moves.
+        config: How to go about it.
+
+    Attributes:
+        held: What is in a hand, None = nothing.
+    """
+
+    def __init__(
+        self, mover: ArmMover, hardware: Hardware, config: ExecutorConfig | None = None
+    ) -> None:
+        self._mover, self._hardware = mover, hardware
+        self._config = config or ExecutorConfig()
+        self.held: Held | None = None
+
+    def execute(
+        self,
+        T_base_gripper: FloatArray,
+        *,
+        width: float,
+        arms: Sequence[str] = (),
+        lift: bool = True,
+        report: Report = lambda stage, share: None,
+    ) -> Outcome:
+        """Carry out a grasp.
+
+        Args:
+            T_base_gripper: The grasp, shape (4, 4).
+            width: Opening of the jaws on the approach in [m].
+            arms: Planning groups to try, the first that reaches it; empty = all.
+            lift: Take the object up, too.
+            report: Told of every step.
+        """
+        if self.held is not None:
+            return Outcome(
+                GraspOutcome.ABORTED, f"{self.held.arm} still holds something"
+            )
+        try:
+            return self._run(T_base_gripper, width, tuple(arms), lift, report)
+        except UnreachableError as error:
+            return Outcome(GraspOutcome.UNREACHABLE, str(error))
+        except CanceledError as error:
+            return Outcome(GraspOutcome.CANCELED, str(error))
+        except MotionError as error:
+            return Outcome(GraspOutcome.ABORTED, str(error))
+
+    def drop(self, report: Report = lambda stage, share: None) -> None:
+        """Carry what is held over its arm's box, let go, and return.
+
+        Raises:
+            MotionError: If nothing is held, or there is no way.
+            CanceledError: If it was stopped.
+        """
+        if self.held is None:
+            raise MotionError("no hand holds anything")
+        arm, T = self.held
+        around = self._hardware.surroundings().without(
+            T[:3, 3], self._mover.config.held_radius
+        )
+        q = self._hardware.configuration()
+        report("carry", 0.0)
+        point = np.array(self._config.drop_point(arm))
+        over = self._mover.plan_drop(q, arm, point, around)
+        self._hardware.follow(arm, over)
+        report("release", 0.6)
+        self._open(arm)
+        self.held = None
+        report("home", 0.7)
+        self.go_home(arm, around)
+
+    def go_home(self, arm: str, around: Surroundings | None = None) -> None:
+        """Return to the resting posture; where that is not possible, back out first.
+
+        Raises:
+            MotionError: If there is no way.
+            CanceledError: If it was stopped.
+        """
+        around = self._hardware.surroundings() if around is None else around
+        q = self._hardware.configuration()
+        try:
+            home = self._mover.plan_home(q, arm, around)
+        except MotionError as error:
+            _log.info("no way home at once (%s): moving up first", error)
+            up = np.array([0.0, 0.0, self._config.back_out])
+            self._hardware.follow(arm, self._mover.plan_shift(q, arm, up))
+            q = self._hardware.configuration()
+            home = self._mover.plan_home(q, arm, around)
+        self._hardware.follow(arm, home)
+
+    def _run(
+        self,
+        T_base_gripper: FloatArray,
+        width: float,
+        arms: tuple[str, ...],
+        lift: bool,
+        report: Report,
+    ) -> Outcome:
+        report("plan", 0.0)
+        hardware = self._hardware
+        if hardware.has_moved(T_base_gripper):
+            return Outcome(GraspOutcome.STALE, "the object moved since it was seen")
+        around = hardware.surroundings()
+        plan = self._mover.plan_grasp(
+            hardware.configuration(), T_base_gripper, around, arms=arms, opening=width
+        )
+        _log.info("planned for %s in %.0f ms", plan.arm, 1e3 * plan.seconds)
+        gripper = self._gripper(plan.arm)
+        report("pregrasp", 0.1)
+        hardware.move_jaws(gripper, width)
+        hardware.follow(plan.arm, plan.motion.transit)
+        if hardware.has_moved(T_base_gripper):
+            self.go_home(plan.arm, around)
+            return Outcome(
+                GraspOutcome.STALE, "the object moved before the hand got there", width
+            )
+        return self._take(plan, around, lift, report)
+
+    def _take(
+        self, plan: PlannedGrasp, around: Surroundings, lift: bool, report: Report
+    ) -> Outcome:
+        """From the pre-grasp on: approach, close, lift, look at the jaws."""
+        hardware, gripper = self._hardware, self._gripper(plan.arm)
+        report("approach", 0.5)
+        try:
+            hardware.follow(plan.arm, plan.motion.approach)
+        except MotionError as error:
+            self._back_out(plan, around)
+            return Outcome(GraspOutcome.ABORTED, f"on the approach: {error}")
+        report("close", 0.7)
+        hardware.move_jaws(gripper, 0.0)
+        if (opening := hardware.opening(gripper)) < self._config.empty_opening:
+            self._open(plan.arm)
+            self._leave(plan, around)
+            return Outcome(GraspOutcome.MISSED, "the jaws closed on nothing", opening)
+        self.held = Held(plan.arm, plan.T_base_gripper)
+        if not lift:
+            return Outcome(GraspOutcome.GRASPED, "held, not lifted", opening)
+        report("lift", 0.8)
+        hardware.follow(plan.arm, plan.motion.lift)
+        if (opening := hardware.opening(gripper)) < self._config.empty_opening:
+            self.held = None
+            self._open(plan.arm)
+            self.go_home(plan.arm, around)
+            return Outcome(GraspOutcome.SLIPPED, "lost in the lift", opening)
+        return Outcome(GraspOutcome.GRASPED, f"lifted with {plan.arm}", opening)
+
+    def _leave(self, plan: PlannedGrasp, around: Surroundings) -> None:
+        """Up and home with empty jaws."""
+        self._hardware.follow(plan.arm, plan.motion.lift)
+        self.go_home(plan.arm, around)
+
+    def _back_out(self, plan: PlannedGrasp, around: Surroundings) -> None:
+        """Leave a blocked approach the way the hand came, then go home."""
+        back = -self._config.back_out * plan.T_base_gripper[:3, 2]
+        q = self._hardware.configuration()
+        try:
+            shift = self._mover.plan_shift(q, plan.arm, back)
+            self._hardware.follow(plan.arm, shift)
+            self.go_home(plan.arm, around)
+        except MotionError as error:
+            _log.warning("%s stays where it is: %s", plan.arm, error)
+
+    def _open(self, arm: str) -> None:
+        key = self._gripper(arm)
+        opened = self._mover.robot.grippers[key].max_opening
+        self._hardware.move_jaws(key, opened)
+
+    def _gripper(self, arm: str) -> str:
+        return self._mover.robot.description.groups[arm].gripper

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether what a grasp was computed for is still where it was."""
+
+from collections import OrderedDict
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp_ros.fusion.tsdf import TsdfVolume, seen_surface
+from neugrasp_ros.geometry.transform import apply, invert
+
+FloatArray = NDArray[np.float64]
+
+KEPT = 16  # scenes remembered
+NEAR = 0.05  # [m]; around the grasp
+BETWEEN = 0.03  # [m]; behind the TCP, where the object is held
+LEAST_POINTS = 15
+GONE_SHARE = 0.15  # of the object's seen surface that is empty space now
+CLEAR_OF_SURFACE = 0.8  # of the truncation, about 15 mm
+ABOVE_SUPPORT = 0.008  # [m]; what is lower is the support itself
+
+
+class SeenScene(NamedTuple):
+    """A fused scene and where it lies.
+
+    Attributes:
+        volume: The volume.
+        T_base_task: Pose of its corner in the robot's base frame, shape (4, 4).
+        revision: Its number.
+        stamp: Time of the newest image in it, in [ns].
+    """
+
+    volume: TsdfVolume
+    T_base_task: FloatArray
+    revision: int
+    stamp: int
+
+
+class SceneWatch:
+    """Remembers scenes by their revision.
+
+    Args:
+        support_height: Height of the support in the task frame in [m].
+    """
+
+    def __init__(self, support_height: float) -> None:
+        self._support = support_height
+        self._scenes: OrderedDict[int, SeenScene] = OrderedDict()
+
+    def remember(self, scene: SeenScene) -> None:
+        """Keep a scene; the oldest one is forgotten."""
+        self._scenes[scene.revision] = scene
+        self._scenes.move_to_end(scene.revision)
+        while len(self._scenes) > KEPT:
+            self._scenes.popitem(last=False)
+
+    @property
+    def newest(self) -> SeenScene | None:
+        """The scene that came last."""
+        return next(reversed(self._scenes.values()), None)
+
+    def get(self, revision: int) -> SeenScene | None:
+        """Return a scene by its number, None if it is not, or no longer, known."""
+        return self._scenes.get(revision)
+
+    def before(self, stamp: int) -> SeenScene | None:
+        """Return the newest scene that is not younger than a time in [ns]."""
+        found = [s for s in self._scenes.values() if s.stamp <= stamp]
+        return found[-1] if found else None
+
+    def points(self) -> FloatArray:
+        """Return the newest seen surface in the base frame in [m], shape (M, 3)."""
+        scene = self.newest
+        if scene is None or not scene.volume.view_count:
+            return np.zeros((0, 3))
+        points, _ = seen_surface(scene.volume)
+        return apply(scene.T_base_task, points)
+
+    def has_moved(self, T_base_gripper: FloatArray, then: SeenScene) -> bool:
+        """Tell whether what was between the jaws then has left its place by now.
+
+        Surface that was seen near the grasp counts as gone where the newest view looks
+        through it, to something at least 15 mm behind; hidden surface does not.
+
+        Args:
+            T_base_gripper: The grasp, shape (4, 4).
+            then: The scene that it was computed from.
+        """
+        now = self.newest
+        if now is None or now.revision == then.revision or not then.volume.view_count:
+            return False
+        points, _ = seen_surface(then.volume)
+        points = points[points[:, 2] > self._support + ABOVE_SUPPORT]
+        points = apply(then.T_base_task, points)
+        middle = T_base_gripper[:3, 3] - BETWEEN / 2 * T_base_gripper[:3, 2]
+        points = points[np.linalg.norm(points - middle, axis=1) < NEAR]
+        if len(points) < LEAST_POINTS:
+            return False
+        values = _values(now.volume, apply(invert(now.T_base_task), points))
+        return bool(np.mean(values > CLEAR_OF_SURFACE) > GONE_SHARE)
+
+
+def _values(volume: TsdfVolume, points: FloatArray) -> FloatArray:
+    """Return the distances of the voxels that hold points; NaN outside, shape (M,)."""
+    index = np.floor(points / volume.voxel_size).astype(np.int64)
+    shape = np.array(volume.distances.shape)
+    inside = ((index >= 0) & (index < shape)).all(axis=1)
+    values = np.full(len(points), np.nan)
+    values[inside] = volume.distances[tuple(index[inside].T)]
+    return values

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controllers of the simulated robot, as ROS sees them.
+
+Each takes trajectories as a ``FollowJointTrajectory`` action and, for whoever needs no
+answer, on a topic; a new one takes the place of the old one, as on the robot.
+"""
+
+import time
+from typing import Any
+
+import numpy as np
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from trajectory_msgs.msg import JointTrajectory
+
+from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.nodes.qos import overrides
+from neugrasp_ros.nodes.trajectories import from_joint_trajectory
+from neugrasp_ros.nodes.work import shielded
+from sim_bridge.joint_drive import DriveState
+from sim_bridge.robot_world import RobotWorld
+
+POLL = 0.01  # [s]
+GOAL_TOLERANCE = 0.02  # [rad] or [m] at the end of a trajectory
+PATH_TOLERANCE = 0.15  # [rad] or [m] on the way; more means that the arm is blocked
+SETTLE_TIME = 0.5  # [s] of simulated time after the end
+
+
+_Result = FollowJointTrajectory.Result
+
+
+class ControllerPort:
+    """One controller's action and topic.
+
+    Args:
+        node: Node that owns them.
+        world: The physics.
+        name: Name of the controller.
+        yields: It may be stopped by what it holds, as jaws are; then neither tolerance
+            is asked for.
+    """
+
+    def __init__(
+        self, node: Node, world: RobotWorld, name: str, *, yields: bool
+    ) -> None:
+        self._node, self._world, self._name, self._yields = node, world, name, yields
+        self._joints = world.controllers[name]
+        self._turn = 0
+        group = ReentrantCallbackGroup()
+        node.create_subscription(
+            JointTrajectory,
+            f"{name}/joint_trajectory",
+            shielded(node, self._on_message),
+            10,
+            callback_group=group,
+            qos_overriding_options=overrides(),
+        )
+        self._action = ActionServer(
+            node,
+            FollowJointTrajectory,
+            f"{name}/follow_joint_trajectory",
+            self._on_execute,
+            goal_callback=self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=group,
+        )
+
+    def destroy(self) -> None:
+        """End the action."""
+        self._action.destroy()
+
+    def _start(self, message: JointTrajectory) -> float:
+        """Have the drive follow a trajectory; return its length in [s]."""
+        points = from_joint_trajectory(message, self._joints)
+
+        def begin() -> float:
+            drive = self._world.drives[self._name]
+            track = drive.read(*points)
+            drive.start(track, self._world.now)
+            return track.duration
+
+        self._turn += 1
+        return float(self._world.do(begin).result())
+
+    def _on_message(self, message: JointTrajectory) -> None:
+        self._start(message)
+
+    def _on_goal(self, request: Any) -> GoalResponse:
+        try:
+            from_joint_trajectory(request.trajectory, self._joints)
+        except NeuGraspError as error:
+            self._node.get_logger().warning(f"{self._name}: goal refused: {error}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _on_execute(self, goal: Any) -> FollowJointTrajectory.Result:
+        try:
+            seconds = self._start(goal.request.trajectory)
+        except NeuGraspError as error:
+            goal.abort()
+            return _Result(error_code=_Result.INVALID_GOAL, error_string=str(error))
+        return self._wait(goal, self._turn, self._world.now + seconds)
+
+    def _wait(self, goal: Any, turn: int, end: float) -> FollowJointTrajectory.Result:
+        """Return what came of the trajectory that runs."""
+        while True:
+            if turn != self._turn:
+                goal.abort()
+                return _Result(
+                    error_code=_Result.INVALID_GOAL, error_string="another one came"
+                )
+            drive = self._world.drives[self._name]
+            if goal.is_cancel_requested:
+                self._stop()
+                goal.canceled()
+                return _Result(error_string="stopped on the way")
+            error = self._error()
+            if not self._yields and error > PATH_TOLERANCE:
+                self._stop()
+                goal.abort()
+                return _Result(
+                    error_code=_Result.PATH_TOLERANCE_VIOLATED,
+                    error_string=f"{self._name}: a joint is {error:.3f} behind",
+                )
+            over = drive.state is DriveState.HOLDING
+            if over and (self._yields or error < GOAL_TOLERANCE):
+                goal.succeed()
+                return _Result(error_code=_Result.SUCCESSFUL)
+            if over and self._world.now > end + SETTLE_TIME:
+                goal.abort()
+                return _Result(
+                    error_code=_Result.GOAL_TOLERANCE_VIOLATED,
+                    error_string=f"{self._name}: a joint is {error:.3f} off its goal",
+                )
+            time.sleep(POLL)
+
+    def _stop(self) -> None:
+        """Bring the drive to rest on its way; return when it stands."""
+        drive = self._world.drives[self._name]
+        self._world.do(lambda: drive.stop(self._world.now)).result()
+        while drive.state is DriveState.STOPPING:
+            time.sleep(POLL)
+
+    def _error(self) -> float:
+        """Return how far the worst joint is from where it shall be."""
+        measured, wanted = self._world.following(self._name)
+        return float(np.abs(measured - wanted).max())

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The steps of a grasp, with a robot that only writes down what it is told."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
+from neugrasp_ros.manipulation.executor import GraspExecutor, GraspOutcome
+from neugrasp_ros.manipulation.mover import PlannedGrasp, Surroundings
+from neugrasp_ros.motion.grasp_motion import GraspMotion
+
+ARM = "arm_left_torso"
+GRASP = np.eye(4)
+
+
+class Hardware:
+    def __init__(self, openings=(0.03, 0.03), moved=(False, False), fail=None):
+        self.done, self._fail = [], fail or {}
+        self._openings, self._moved = list(openings), list(moved)
+
+    def configuration(self):
+        return np.zeros(3)
+
+    def follow(self, group, motion):
+        self.done.append(motion)
+        if motion in self._fail:
+            raise self._fail[motion]
+
+    def move_jaws(self, gripper, opening):
+        self.done.append(f"jaws {opening:.3f}")
+
+    def opening(self, gripper):
+        return self._openings.pop(0)
+
+    def surroundings(self):
+        return Surroundings()
+
+    def has_moved(self, T):
+        return self._moved.pop(0)
+
+
+class Mover:
+    config = SimpleNamespace(held_radius=0.1)
+    robot = SimpleNamespace(
+        description=SimpleNamespace(groups={ARM: SimpleNamespace(gripper="left")}),
+        grippers={"left": SimpleNamespace(max_opening=0.085)},
+    )
+    way_home = True
+
+    def plan_grasp(self, q, T, around, *, arms, opening):
+        if not arms:
+            raise UnreachableError(2, "no arm posture brings the hand there")
+        return PlannedGrasp(arms[0], GraspMotion("transit", "approach", "lift"), T, 0.1)
+
+    def plan_home(self, q, arm, around):
+        if not self.way_home:
+            self.way_home = True
+            raise MotionError("the start is in collision")
+        return "home"
+
+    def plan_drop(self, q, arm, point, around):
+        return "drop"
+
+    def plan_shift(self, q, arm, shift):
+        return "shift"
+
+
+def run(hardware, *, arms=(ARM,), lift=True, mover=None):
+    stages = []
+    executor = GraspExecutor(mover or Mover(), hardware)
+    outcome = executor.execute(
+        GRASP, width=0.08, arms=arms, lift=lift,
+        report=lambda stage, share: stages.append(stage),
+    )  # fmt: skip
+    return executor, outcome, stages
+
+
+def test_a_grasp_goes_through_its_stages_and_the_object_into_the_box():
+    hardware = Hardware()
+    executor, outcome, stages = run(hardware)
+    assert outcome.kind is GraspOutcome.GRASPED
+    assert outcome.opening == 0.03
+    assert stages == ["plan", "pregrasp", "approach", "close", "lift"]
+    steps = ["jaws 0.080", "transit", "approach", "jaws 0.000", "lift"]
+    assert hardware.done == steps
+    assert executor.held.arm == ARM
+    again = executor.execute(GRASP, width=0.08, arms=(ARM,))
+    assert again.kind is GraspOutcome.ABORTED
+    assert "still holds" in again.message
+    executor.drop()
+    assert hardware.done[len(steps) :] == ["drop", "jaws 0.085", "home"]
+    assert executor.held is None
+    with pytest.raises(MotionError, match="no hand holds"):
+        executor.drop()
+
+
+def test_without_a_lift_it_ends_with_closed_jaws():
+    hardware = Hardware()
+    executor, outcome, _ = run(hardware, lift=False)
+    assert outcome.kind is GraspOutcome.GRASPED
+    assert hardware.done[-1] == "jaws 0.000"
+    assert executor.held is not None
+
+
+def test_nothing_between_the_jaws_is_a_miss_and_the_arm_goes_home():
+    hardware = Hardware(openings=[0.0])
+    executor, outcome, _ = run(hardware)
+    assert outcome.kind is GraspOutcome.MISSED
+    assert hardware.done[-3:] == ["jaws 0.085", "lift", "home"]
+    assert executor.held is None
+
+
+def test_what_is_lost_in_the_lift_has_slipped():
+    hardware = Hardware(openings=[0.03, 0.0])
+    executor, outcome, _ = run(hardware)
+    assert outcome.kind is GraspOutcome.SLIPPED
+    assert hardware.done[-1] == "home"
+    assert executor.held is None
+
+
+def test_an_object_that_moved_is_left_alone():
+    hardware = Hardware(moved=[True])
+    assert run(hardware)[1].kind is GraspOutcome.STALE
+    assert hardware.done == []
+    hardware = Hardware(moved=[False, True])
+    assert run(hardware)[1].kind is GraspOutcome.STALE
+    assert hardware.done[-1] == "home"
+
+
+def test_out_of_reach_is_told_before_anything_moves():
+    hardware = Hardware()
+    _, outcome, _ = run(hardware, arms=())
+    assert outcome.kind is GraspOutcome.UNREACHABLE
+    assert "no arm posture" in outcome.message
+    assert hardware.done == []
+
+
+def test_a_cancel_leaves_the_arm_where_it_stands():
+    hardware = Hardware(fail={"transit": CanceledError("stopped")})
+    _, outcome, _ = run(hardware)
+    assert outcome.kind is GraspOutcome.CANCELED
+    assert hardware.done[-1] == "transit"
+
+
+def test_a_blocked_approach_is_backed_out_of():
+    hardware = Hardware(fail={"approach": MotionError("a joint is behind")})
+    _, outcome, _ = run(hardware)
+    assert outcome.kind is GraspOutcome.ABORTED
+    assert "on the approach" in outcome.message
+    assert hardware.done[-2:] == ["shift", "home"]
+
+
+def test_with_no_way_home_the_hand_moves_up_first():
+    hardware, mover = Hardware(), Mover()
+    mover.way_home = False
+    GraspExecutor(mover, hardware).go_home(ARM)
+    assert hardware.done == ["shift", "home"]
