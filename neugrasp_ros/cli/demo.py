@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+START_TIMEOUT = 90.0  # [s]
 STOP_TIMEOUT = 10.0  # [s]
 
 
@@ -99,7 +100,7 @@ def _options(args: argparse.Namespace) -> list[str]:
 
 
 def _clear(args: argparse.Namespace) -> dict[str, Any]:
-    if args.affordance:
+    if args.affordance and args.robot == "gripper":
         return _ask(args)
     from neugrasp_ros.nodes.demo_run import run_demo
 
