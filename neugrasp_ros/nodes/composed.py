@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """All processing nodes in one process, with one network between them."""
 
+import importlib
 import threading
 import time
 from collections.abc import Callable
@@ -77,7 +78,6 @@ class Suite:
         self.stages.evaluator = self._add(evaluator).stage
         reach = ReachabilityFilterNode(self._make_checker, self._transforms, **options)
         self.stages.reach = self._add(reach).stage
-        get_logger(NAME).info("all nodes are ready")
 
     def close(self) -> None:
         """End all nodes."""
@@ -87,6 +87,8 @@ class Suite:
 
 def main(args: list[str] | None = None) -> int:
     """Run all processing nodes until shutdown."""
+    # SciPy looks for torch in every call; a callback must not find it half imported
+    importlib.import_module("torch")
     failed: list[NeuGraspError] = []
 
     def start(executor: Executor) -> Callable[[], None]:
@@ -94,13 +96,16 @@ def main(args: list[str] | None = None) -> int:
 
         def load() -> None:
             begin = time.monotonic()
+            get_logger(NAME).info("loading weights and robot; requests must wait")
             try:
                 suite.load()
             except NeuGraspError as error:
                 get_logger(NAME).fatal(f"cannot start: {error}")
                 failed.append(error)
                 executor.context.try_shutdown()
-            get_logger(NAME).info(f"start took {time.monotonic() - begin:.1f} s")
+                return
+            seconds = time.monotonic() - begin
+            get_logger(NAME).info(f"all nodes are ready after {seconds:.1f} s")
 
         threading.Thread(target=load, name="load", daemon=True).start()
         return suite.close

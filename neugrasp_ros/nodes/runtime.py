@@ -5,6 +5,7 @@ import ctypes
 import logging
 import os
 import platform
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -13,8 +14,9 @@ from contextlib import contextmanager
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor
 from rclpy.logging import get_logger
+from rclpy.signals import SignalHandlerOptions
 
-from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.errors import ConfigError, NeuGraspError
 from neugrasp_ros.resources import config_dir
 
 PROFILE_VARIABLES = (
@@ -91,10 +93,26 @@ def forward_library_logs(name: str) -> None:
 
 
 @contextmanager
-def ros(name: str, args: list[str] | None) -> Iterator[None]:
-    """Bring ROS up around a block, and down whatever ends it."""
+def ros(
+    name: str,
+    args: list[str] | None,
+    signals: SignalHandlerOptions = SignalHandlerOptions.ALL,
+) -> Iterator[None]:
+    """Bring ROS up around a block, and down whatever ends it.
+
+    Args:
+        name: Name for log lines of the process.
+        args: Command line without the program, with ``--ros-args``.
+        signals: Which signals rclpy may answer by taking ROS down at once.
+
+    Raises:
+        ConfigError: If ROS cannot read the command line.
+    """
     prepare()
-    rclpy.init(args=args)
+    try:
+        rclpy.init(args=args, signal_handler_options=signals)
+    except RuntimeError as error:  # RCLError and its kin
+        raise ConfigError(str(error).split(", at /")[0]) from error
     forward_library_logs(name)
     try:
         yield
@@ -112,6 +130,9 @@ def run(
 ) -> int:
     """Run nodes until shutdown and return the exit code of the process.
 
+    On SIGINT and SIGTERM the nodes end before ROS does, so that none of them publishes
+    into a context that is gone.
+
     Args:
         name: Name for log lines of the process.
         start: Builds the nodes, adds them to the executor, and returns what has to be
@@ -122,7 +143,20 @@ def run(
     Returns:
         0, or 1 where a node could not start; the reason is in the log.
     """
-    with ros(name, args):
+    try:
+        return _run(name, start, args, threads)
+    except ConfigError as error:
+        get_logger(name).fatal(f"cannot start: {error}")
+        return START_ERROR
+
+
+def _run(
+    name: str,
+    start: Callable[[Executor], Callable[[], None]],
+    args: list[str] | None,
+    threads: int,
+) -> int:
+    with ros(name, args, SignalHandlerOptions.NO):
         executor = MultiThreadedExecutor(num_threads=threads)
         try:
             stop = start(executor)
@@ -130,11 +164,26 @@ def run(
             get_logger(name).fatal(f"cannot start: {error}")
             return START_ERROR
         try:
-            executor.spin()
+            _spin_until_signal(executor)
         finally:
             stop()
             executor.shutdown(timeout_sec=2.0)
     return 0
+
+
+def _spin_until_signal(executor: Executor) -> None:
+    """Spin until SIGINT, SIGTERM or the end of ROS; a second signal is the system's."""
+    stopping = threading.Event()
+    before = {
+        number: signal.signal(number, lambda *_: stopping.set())
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        while executor.context.ok() and not stopping.is_set():
+            executor.spin_once(timeout_sec=SPIN_PERIOD)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class SpinThread:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
+import signal
+import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,6 +13,7 @@ pytest.importorskip("rclpy")
 from neugrasp_ros.nodes import runtime  # noqa: E402
 from neugrasp_ros.nodes.runtime import NO_TUNING, PROFILE_VARIABLES, prepare  # noqa: E402
 
+TALKER = Path(__file__).with_name("node_that_talks.py")
 LARGEST_IMAGE = 640 * 480 * 4  # bytes of a depth image
 
 
@@ -73,3 +76,27 @@ def test_library_logs_go_to_ros_once():
         for package in ("neugrasp_ros", "sim_bridge"):
             logging.getLogger(package).handlers = []
             logging.getLogger(package).propagate = True
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_that_is_told_to_stop_ends_without_a_word(domain, number):
+    process = subprocess.Popen(
+        [sys.executable, TALKER], text=True, stdout=-1, stderr=subprocess.STDOUT
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "talking\n"
+    process.send_signal(number)
+    said, _ = process.communicate(timeout=30)
+    assert (process.returncode, said) == (0, "")
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("words", [["-p", "nonsense"], ["-r", "no_arrow"]])
+def test_a_command_line_that_ros_cannot_read_is_one_sentence(domain, words):
+    ended = subprocess.run(
+        [sys.executable, TALKER, "--ros-args", *words], capture_output=True, text=True
+    )
+    said = ended.stdout + ended.stderr
+    assert ended.returncode == 1 and "cannot start: " in said, said
+    assert " ".join(words) in said and "Traceback" not in said

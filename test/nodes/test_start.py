@@ -75,6 +75,20 @@ def test_a_damaged_weights_file_is_refused(tmp_path):
         load_planner(PlannerConfig(weights=str(path)))
 
 
+def test_the_suite_imports_torch_before_any_callback_runs():
+    code = (
+        "import sys; from neugrasp_ros.nodes import composed; "
+        "composed.run = lambda *_, **__: 'torch' in sys.modules; "
+        "sys.exit(0 if composed.main([]) else 3)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], timeout=120).returncode == 0
+
+
+def test_the_planner_of_an_unknown_gripper_names_the_known_ones():
+    with pytest.raises(UnknownNameError, match="'tweezers'; known: panda, robotiq"):
+        load_planner(PlannerConfig(gripper="tweezers"))
+
+
 def test_an_unknown_gripper_names_the_known_ones(ros):
     values = [Parameter("gripper", value="tweezers")]
     with pytest.raises(UnknownNameError, match="'tweezers'; known: panda, robotiq"):
