@@ -70,7 +70,8 @@ class UnknownNameError(NeuGraspError, KeyError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         self.known = tuple(sorted(known))
-        self.message = f"unknown {kind} {name!r}; known: {', '.join(self.known)}"
+        known_words = ", ".join(self.known) or "none"
+        self.message = f"unknown {kind} {name!r}; known: {known_words}"
         super().__init__(self.message)
 
     def __str__(self) -> str:

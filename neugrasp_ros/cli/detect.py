@@ -3,9 +3,11 @@
 
 import argparse
 import json
+import math
 
 NONE_FOUND = 1
 NOT_RUNNING = 2
+LONGEST = 1e6  # [s]; more than the waits of the system can take is near 1e9
 
 
 def add_parser(
@@ -41,7 +43,7 @@ def add_parser(
         "--scene", default="fresh", choices=("current", "fresh", "reset")
     )
     parser.add_argument("--seed", type=count, default=0)
-    parser.add_argument("--timeout", type=float, default=30.0, metavar="SECONDS")
+    parser.add_argument("--timeout", type=seconds, default=30.0, metavar="SECONDS")
     parser.add_argument("--ns", default="", metavar="/NAME", help="namespace")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
@@ -52,6 +54,16 @@ def count(text: str) -> int:
     value = int(text)
     if not 0 <= value < 2**32:
         raise argparse.ArgumentTypeError(f"expected 0 to 2^32 - 1, got {value}")
+    return value
+
+
+def seconds(text: str) -> float:
+    """Read a time to wait."""
+    value = float(text)
+    if not (math.isfinite(value) and 0 < value <= LONGEST):
+        raise argparse.ArgumentTypeError(
+            f"expected seconds above 0, at most {LONGEST:.0f}, got {text}"
+        )
     return value
 
 
@@ -92,7 +104,8 @@ def _table(answer: dict) -> str:
     if answer["grasps"]:
         lines.append(f"frame {answer['frame_id']}, tool frame {answer['tcp_frame']}")
         lines.append(
-            "  id     quality  width[mm]  x      y      z      arm             good for"
+            "  id     quality  width[mm]  x      y      z      arm"
+            + ("             good for" if answer["affordance_labels"] else "")
         )
     for grasp in answer["grasps"]:
         x, y, z = grasp["position"]
@@ -103,7 +116,7 @@ def _table(answer: dict) -> str:
         )
     spent = {k: v for k, v in answer["seconds"].items() if v > 0}
     lines.append(", ".join(f"{k} {1e3 * v:.0f} ms" for k, v in spent.items()))
-    return "\n".join(lines)
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def _served(grasp: dict, labels: list[str]) -> str:

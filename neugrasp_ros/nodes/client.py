@@ -14,10 +14,11 @@ from neugrasp_msgs.msg import Grasp
 from neugrasp_msgs.srv import DetectGrasps
 from rclpy.client import Client
 from rclpy.context import Context
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.errors import ConfigError, NeuGraspError
 from neugrasp_ros.nodes.outcomes import Code
 from neugrasp_ros.nodes.runtime import SpinThread, prepare
 
@@ -33,15 +34,23 @@ class SuiteClient:
 
     Args:
         namespace: Namespace of the suite.
+
+    Raises:
+        ConfigError: If ROS cannot take the namespace.
     """
 
     def __init__(self, namespace: str = "") -> None:
         prepare()
         self._context = Context()
         rclpy.init(args=[], context=self._context)
-        self.node = Node(
-            "neugrasp_cli", context=self._context, namespace=namespace or None
-        )
+        try:
+            self.node = Node(
+                "neugrasp_cli", context=self._context, namespace=namespace or None
+            )
+        except InvalidNamespaceException as error:
+            self._context.try_shutdown()
+            reason = str(error).splitlines()[0].rstrip(":")
+            raise ConfigError(f"namespace {namespace!r}: {reason}") from error
         executor = SingleThreadedExecutor(context=self._context)
         executor.add_node(self.node)
         self._spinning = SpinThread(executor)

@@ -45,6 +45,23 @@ def test_numbers_that_no_message_holds_are_wrong_usage(option, capsys):
     assert ended.value.code == 64
 
 
+@pytest.mark.parametrize("text", ["nan", "inf", "-3", "0", "1e12"])
+def test_a_time_that_nobody_can_wait_is_wrong_usage(text, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["detect", f"--timeout={text}"])
+    assert ended.value.code == 64
+    assert f"expected seconds above 0, at most 1000000, got {text}" in (
+        capsys.readouterr().err
+    )
+
+
+def test_a_namespace_that_ros_cannot_take_is_one_sentence(domain):
+    ended = neugrasp("detect", "--timeout", "1", "--ns", "/two words")
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("neugrasp: namespace '/two words': ")
+    assert "Traceback" not in ended.stderr
+
+
 def ready(words: list[str]) -> dict:
     """Ask until the suite has started; return the first real answer."""
     deadline = time.monotonic() + START
