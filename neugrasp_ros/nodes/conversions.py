@@ -65,7 +65,8 @@ def from_poses(poses: list[Pose], what: str = "pose") -> FloatArray:
     norms = np.linalg.norm(values[:, 3:], axis=1)
     if (np.abs(norms - 1) > LEAST_NORM).any():
         raise ConfigError(
-            f"{what}: a quaternion has length {norms.min():.3g}, expected 1"
+            f"{what}: a quaternion has length "
+            f"{norms[np.abs(norms - 1).argmax()]:.3g}, expected 1"
         )
     if not len(values):
         return np.zeros((0, 4, 4))

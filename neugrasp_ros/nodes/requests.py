@@ -86,7 +86,7 @@ def _read(request: Any, config: ServerConfig) -> Wanted:
     if request.scene not in SCENES.values():
         raise ConfigError(f"scene must be 0, 1 or 2, got {request.scene}")
     roi = read_roi(request)
-    if len(request.mask.data):
+    if request.mask.width or request.mask.height or len(request.mask.data):
         read_mask(request.mask)
         raise ConfigError("mask is not supported yet; use roi_pose and roi_size")
     return Wanted(
