@@ -7,10 +7,21 @@ import pytest
 
 pytest.importorskip("neugrasp_msgs")
 
-from nodes.synthetic import CAMERA, Scene, camera_info, depth_image  # noqa: E402
+from nodes.synthetic import (  # noqa: E402
+    CAMERA,
+    CAMERA_FRAME,
+    Scene,
+    camera_info,
+    depth_image,
+)
+from rclpy.time import Time  # noqa: E402
 
 from neugrasp_ros.fusion.tsdf import seen_surface  # noqa: E402
-from neugrasp_ros.nodes.compat.tf_buffer import LookupException  # noqa: E402
+from neugrasp_ros.nodes.compat.tf import Buffer, from_transform  # noqa: E402
+from neugrasp_ros.nodes.compat.tf_buffer import (  # noqa: E402
+    LookupException,
+    to_transform,
+)
 from neugrasp_ros.nodes.depth_fusion import DepthFusion  # noqa: E402
 from neugrasp_ros.nodes.outcomes import Code, DetectionError  # noqa: E402
 from neugrasp_ros.nodes.params import LiveConfig  # noqa: E402
@@ -162,6 +173,51 @@ def test_an_image_without_a_valid_pixel_observes_nothing(rig, value):
     rig.fusion.on_depth(depth_image(depth, rig.time))
     assert not rig.fusion.view().volume.observed.any()
     assert rig.fusion.valid_share == 0.0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, -1.0])
+def test_holes_observe_nothing_and_spoil_nothing_beside_them(rig, value):
+    rig.scene.add_box((0.15, 0.15, 0.07))
+    rig.shoot()
+    whole = rig.fusion.view().volume
+    depth = rig.scene.depth()
+    depth[:, : CAMERA.width // 2] = value
+    rig.time += SECOND
+    rig.fusion.on_depth(depth_image(depth, rig.time))
+    half = rig.fusion.view().volume
+    share = half.observed.sum() / whole.observed.sum()
+    assert 0.2 < share < 0.8 and not (half.observed & ~whole.observed).any()
+    np.testing.assert_array_equal(
+        half.distances[half.observed], whole.distances[half.observed]
+    )
+
+
+def test_tf_that_ends_before_the_image_is_waited_for_and_then_given_up(rig):
+    buffer, T = Buffer(), rig.scene.T_base_camera
+
+    def move(stamp: int) -> None:
+        buffer.set_transform(to_transform(T, "base", CAMERA_FRAME, stamp), "")
+
+    def lookup(target, source, stamp):
+        there = Time(nanoseconds=stamp)
+        return from_transform(buffer.lookup_transform(target, source, there))
+
+    fusion = DepthFusion(rig.config, lookup, lambda: rig.time)
+    fusion.on_camera_info(camera_info())
+    image = depth_image(rig.scene.depth(), rig.time)
+    move(rig.time - SECOND // 2)
+    assert not fusion.on_depth(image)
+    with pytest.raises(DetectionError, match="^base <- camera_optical: ") as caught:
+        fusion.view()
+    assert caught.value.code is Code.TF_ERROR
+    rig.time += SECOND // 10  # within tf_timeout
+    move(rig.time)
+    assert fusion.retry() and fusion.view().stamp == rig.time - SECOND // 10
+    late = depth_image(rig.scene.depth(), rig.time + SECOND // 2)
+    rig.time += SECOND
+    assert not fusion.on_depth(late) and fusion.counts["no_tf"] == 1
+    move(rig.time)
+    assert not fusion.retry()  # it is not taken up again
 
 
 def test_missing_tf_names_the_link_and_late_tf_is_waited_for(rig):
