@@ -176,12 +176,14 @@ class GraspServerNode(Node):
     def _on_list(
         self, _: ListAffordances.Request, response: ListAffordances.Response
     ) -> ListAffordances.Response:
-        if self._stages.missing():
+        missing = self._stages.missing()
+        if missing:  # the answer has no field to say so
+            self.get_logger().warning(f"list_affordances: {'; '.join(missing)}")
             return response
         try:
             response.labels = list(self._stages.labels(time.monotonic() + LIST_TIME))
         except NeuGraspError as error:
-            self.get_logger().warning(str(error))
+            self.get_logger().warning(f"list_affordances: {error}")
         response.descriptions = [describe(label) for label in response.labels]
         return response
 

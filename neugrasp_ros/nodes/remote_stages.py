@@ -91,19 +91,26 @@ class RemoteStages(Stages):
         if wanted.scene == SCENES["reset"]:
             _good(call(self._reset, Trigger.Request(), deadline))
         patient = bool(newer_than) or wanted.min_views > 1
+        problem: DetectionError | None = None
         while True:
             last = not patient or time.monotonic() + LOOK_PERIOD > deadline
             start = time.perf_counter()
-            response = call(self._tsdf, GetTsdf.Request(), deadline)
+            try:
+                response = call(self._tsdf, GetTsdf.Request(), deadline)
+            except DetectionError as late:
+                raise problem or late from None
             if response.success:
+                problem = None
                 view = from_tsdf(response.volume)
                 view = replace(view, seconds=time.perf_counter() - start)
                 enough = view.volume.view_count >= wanted.min_views
                 if last or (view.stamp > newer_than and enough):
                     require(view, wanted, newer_than)
                     return view
-            elif last:
-                raise from_message(response.message)
+            else:
+                problem = from_message(response.message)
+                if last:
+                    raise problem
             time.sleep(LOOK_PERIOD)  # the volume comes at the camera's rate
 
     def sample(
@@ -159,8 +166,7 @@ def call(client: Client, request: Any, deadline: float) -> Any:
     """Call a service and wait for its answer, not in the executor's only thread.
 
     Raises:
-        DetectionError: TIMEOUT at the deadline of ``time.monotonic()``, or INTERNAL
-            where the answer is an exception.
+        DetectionError: TIMEOUT at the deadline of ``time.monotonic()``.
     """
     done = threading.Event()
     future = client.call_async(request)

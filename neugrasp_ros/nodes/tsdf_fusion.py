@@ -166,8 +166,8 @@ class TsdfFusionNode(Node):
     def _on_set_integrating(
         self, request: SetBool.Request, response: SetBool.Response
     ) -> object:
-        self.set_parameters([Parameter("integrating", value=request.data)])
-        response.success = True
+        (result,) = self.set_parameters([Parameter("integrating", value=request.data)])
+        response.success, response.message = result.successful, result.reason
         return response
 
     def _on_get_tsdf(

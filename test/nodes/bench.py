@@ -66,9 +66,6 @@ def duration(seconds: float) -> Duration:
     return Duration(sec=int(seconds), nanosec=int(seconds % 1 * 1e9))
 
 
-# Bad input: each ends in its code and a sentence, and the next good request works.
-
-
 def result(future, seconds: float = 30.0):
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
