@@ -19,6 +19,7 @@ from nodes.bench import (  # noqa: E402
     duration,
     positions,
 )
+from rclpy.parameter import Parameter  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -288,10 +289,20 @@ def test_a_camera_that_falls_silent_leaves_stale_depth(bench, wait_until):
 
 
 def test_stamps_that_jump_back_do_not_stop_the_camera(bench, wait_until):
+    fusion, back = bench.suite.nodes[0], 8.0  # [s]
     bench.show(LEFT)
     bench.camera.sends = {"depth", "info"}
-    bench.camera.age = 0.9
-    ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
+    wait_until(lambda: ask(bench).success)
+    fusion.set_parameters([Parameter("max_depth_age", value=4 * back)])
+    try:
+        bench.camera.age = back
+        bench.show(RIGHT)
+        wait_until(
+            lambda: len(p := positions(ask(bench))) and (p[:, 1] < 0).all(),
+            seconds=back / 2,
+        )
+    finally:
+        fusion.set_parameters([Parameter("max_depth_age", value=1.0)])
     bench.camera.age = 0.0
     wait_until(lambda: ask(bench).success)
 

@@ -2,6 +2,7 @@
 """Requests that meet each other, take long, are cancelled, or hit a bug."""
 
 import threading
+from contextlib import contextmanager
 
 import pytest
 
@@ -13,6 +14,7 @@ from neugrasp_msgs.msg import DetectionReport  # noqa: E402
 from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
 from nodes.bench import LEFT, RIGHT, Bench, ask, duration, result  # noqa: E402
 from nodes.camera_node import ClientNode  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -30,7 +32,19 @@ def ready(bench, wait_until):
     wait_until(lambda: ask(bench).success, 30.0)
 
 
-def test_two_clients_at_once_are_both_answered(bench):
+def test_two_clients_at_once_are_answered_one_after_the_other(bench, monkeypatch):
+    stages, running, most = bench.suite.stages, [], []
+    usual = stages.request
+
+    @contextmanager
+    def counted():
+        running.append(1)
+        most.append(len(running))
+        with usual():
+            yield
+        running.pop()
+
+    monkeypatch.setattr(stages, "request", counted)
     bench.show(LEFT, RIGHT)
     other = ClientNode()
     bench.executor.add_node(other)
@@ -45,6 +59,7 @@ def test_two_clients_at_once_are_both_answered(bench):
         bench.executor.remove_node(other)
         other.destroy_node()
     assert len(answers) == 4 and all(answer.success for answer in answers)
+    assert most == [1] * 4
 
 
 class Slow:
@@ -109,6 +124,39 @@ def test_a_goal_can_be_canceled_and_a_second_one_is_rejected(bench, action, slow
     outcome = result(goal.get_result_async())
     assert outcome.status == GoalStatus.STATUS_CANCELED
     assert outcome.result.report.code == DetectionReport.CANCELED
+
+
+@pytest.fixture
+def server(bench):
+    server = bench.suite.nodes[1]
+    yield server
+    server.set_parameters([Parameter("goal_policy", value="reject")])
+
+
+def test_a_client_that_waits_in_vain_for_its_turn_is_told(
+    bench, slow, server, wait_until
+):
+    first = bench.user.client.call_async(DetectGrasps.Request(seed=1))
+    wait_until(server._turn.locked)
+    report = ask(bench, timeout=duration(0.3)).report
+    assert report.code == DetectionReport.TIMEOUT
+    assert report.message == "another request ran for 0.3 s"
+    slow.go.set()
+    assert result(first).success
+
+
+def test_a_goal_may_preempt_the_one_that_runs(bench, action, slow, server, wait_until):
+    server.set_parameters([Parameter("goal_policy", value="preempt")])
+    first = result(action.send_goal_async(DetectAction.Goal(seed=1)))
+    wait_until(server._turn.locked)
+    second = result(action.send_goal_async(DetectAction.Goal(seed=1)))
+    assert first.accepted and second.accepted
+    slow.go.set()
+    outcome = result(first.get_result_async())
+    assert outcome.status == GoalStatus.STATUS_ABORTED
+    assert outcome.result.report.code == DetectionReport.CANCELED
+    outcome = result(second.get_result_async())
+    assert outcome.status == GoalStatus.STATUS_SUCCEEDED
 
 
 def test_a_request_that_runs_out_of_time_says_so(bench, slow):
