@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is anything lost by being fast: the same rays and the same grasps, both ways."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp_ros.benchmark.shots import Shot
+from neugrasp_ros.config import ReferenceConfig
+from neugrasp_ros.geometry.ray_search import first_crossings
+from neugrasp_ros.pipeline import EncodedScene, GraspPlanner
+from neugrasp_ros.scene.reference import reference_rays, reference_samples
+
+FloatArray = NDArray[np.float64]
+
+NEAR = 0.0015  # [m]; surfaces nearer than this are the same
+SCORE_GAP = 0.03  # a best grasp that the reference scores this near its own is as good
+
+
+class RayCheck(NamedTuple):
+    """Rays of the reference cameras, both ways.
+
+    Attributes:
+        same_hit: Share of the rays that both meet something on, or neither.
+        near: Share of the rays that both meet something on, within 1.5 mm.
+        met: Share of the rays that meet something in the reference.
+        median: Median distance of the two surfaces along the ray in [m].
+    """
+
+    same_hit: float
+    near: float
+    met: float
+    median: float
+
+
+def compare_rays(
+    planner: GraspPlanner,
+    scene: EncodedScene,
+    n_rays: int,
+    rng: np.random.Generator,
+    config: ReferenceConfig | None = None,
+) -> RayCheck:
+    """Cast random rays of the reference cameras both ways.
+
+    Args:
+        planner: The fast planner.
+        scene: A scene of one cube.
+        n_rays: Rays.
+        rng: Chooses the rays.
+        config: The reference cameras; default the paper's.
+    """
+    config = config or ReferenceConfig()
+    origins, directions = reference_rays(config, scene.edge)
+    chosen = rng.permutation(len(origins))[:n_rays]
+    origins, directions = origins[chosen], directions[chosen]
+    fast = planner.trace(scene, origins, directions)
+    slow = first_crossings(
+        planner.reference(scene), origins, directions, reference_samples(config)
+    )
+    there = origins + slow[:, None] * directions
+    slow[~((there >= 0) & (there <= scene.edge)).all(axis=1)] = np.nan
+    hits = np.isfinite(slow)
+    both = hits & np.isfinite(fast)
+    gaps = np.abs(fast - slow)[both]
+    return RayCheck(
+        float((hits == np.isfinite(fast)).mean()),
+        float((gaps <= NEAR).mean()) if len(gaps) else 1.0,
+        float(hits.mean()),
+        float(np.median(gaps)) if len(gaps) else 0.0,
+    )
+
+
+class ScoreCheck(NamedTuple):
+    """Scores of the same grasps, both ways.
+
+    Attributes:
+        gaps: Absolute differences, shape (G,).
+        best_gap: What the reference scores the fast path's best below its own.
+    """
+
+    gaps: FloatArray
+    best_gap: float
+
+
+def compare_scores(
+    fast: GraspPlanner,
+    slow: GraspPlanner,
+    shot: Shot,
+    n_grasps: int,
+    rng: np.random.Generator,
+) -> ScoreCheck | None:
+    """Score the same candidates of a scene both ways; None if there are none."""
+    volume = shot.fused(fast.resolution)
+    scene = fast.encode(volume, 1)
+    grasps = fast.sample(scene)
+    if not len(grasps):
+        return None
+    grasps = grasps.take(rng.permutation(len(grasps))[:n_grasps])
+    quick = fast.evaluate(scene, grasps).quality
+    truth = slow.evaluate(slow.encode(volume, 1), grasps).quality
+    return ScoreCheck(np.abs(quick - truth), float(truth.max() - truth[quick.argmax()]))
+
+
+def check_equivalence(
+    fast: GraspPlanner,
+    ray_shots: Sequence[Shot],
+    score_shots: Sequence[Shot],
+    *,
+    n_rays: int = 4096,
+    n_grasps: int = 32,
+    seed: int = 0,
+) -> dict[str, float]:
+    """Compare rays and scores over scenes.
+
+    Args:
+        fast: The fast planner.
+        ray_shots: Scenes whose rays are compared.
+        score_shots: Scenes whose grasps are compared.
+        n_rays: Rays of a scene.
+        n_grasps: Grasps of a scene.
+        seed: Of the choice of rays and grasps.
+    """
+    rng = np.random.default_rng(seed)
+    rays = []
+    for number, shot in enumerate(ray_shots):
+        scene = fast.encode(shot.fused(fast.resolution), 10**6 + number)
+        rays.append(compare_rays(fast, scene, n_rays, rng))
+    met = np.array([check.met for check in rays])
+    result = {
+        "rays_scenes": len(rays),
+        "rays_same_hit": float(np.mean([check.same_hit for check in rays])),
+        "rays_met": float(met.mean()),
+        "rays_within_1_5_mm": float(
+            np.average([check.near for check in rays], weights=met + 1e-9)
+        ),
+        "rays_median_mm": 1e3 * float(np.median([check.median for check in rays])),
+    }
+    slow = GraspPlanner(replace(fast.config, renderer="reference"), fast.gripper)
+    found = [compare_scores(fast, slow, s, n_grasps, rng) for s in score_shots]
+    checks = [check for check in found if check is not None]
+    if checks:
+        gaps = np.concatenate([check.gaps for check in checks])
+        best = np.array([check.best_gap for check in checks])
+        result |= {
+            "scores_scenes": len(checks),
+            "scores_grasps": len(gaps),
+            "scores_mean_gap": float(gaps.mean()),
+            "scores_p95_gap": float(np.percentile(gaps, 95)),
+            "scores_best_as_good": float((best <= SCORE_GAP).mean()),
+        }
+    return result

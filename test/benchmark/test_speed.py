@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+
+from neugrasp_ros.benchmark.speed import STAGES, matmul_ms, peak_memory_mb, summary
+from neugrasp_ros.benchmark.speed_figures import draw_profile, profile_table
+
+
+@pytest.fixture
+def rows() -> list[dict[str, float]]:
+    names = (*STAGES, "requery", "total", "queries", "candidates", "cubes")
+    return [dict.fromkeys(names, float(n)) for n in range(11)]
+
+
+def test_a_summary_has_medians_and_ninetieth_percentiles(rows):
+    found = summary(rows)
+    assert found["total_ms_median"] == 5.0
+    assert found["total_ms_p90"] == 9.0
+    assert found["stages_ms"]["fusion"] == {"median": 5.0, "p90": 9.0}
+    assert found["requery_ms_median"] == 5.0
+    assert found["scenes"] == 11
+
+
+def test_the_machine_is_measured():
+    assert 0 < matmul_ms() < 1000
+    grown = np.ones(30_000_000)
+    assert peak_memory_mb() > grown.nbytes / 2**20
+
+
+def test_a_table_names_every_stage_and_a_picture_is_drawn(rows, tmp_path):
+    found = summary(rows) | {"speedup_scoring": 100.0}
+    text = profile_table(found)
+    assert all(name in text for name in (*STAGES, "total", "speedup_scoring"))
+    draw_profile(found, tmp_path / "new" / "profile.png")
+    assert (tmp_path / "new" / "profile.png").stat().st_size > 2000
