@@ -12,12 +12,13 @@ from neugrasp_ros.errors import SimulationError
 from neugrasp_ros.geometry.gripper import Gripper
 from neugrasp_ros.geometry.transform import translation
 from sim_bridge.bodies import pose_tuple, transform_from
+from sim_bridge.contact import Contact
 from sim_bridge.gripper_body import (
     base_center_of_mass,
     tip_advance_at,
     write_gripper_urdf,
 )
-from sim_bridge.world import Contact, World
+from sim_bridge.world import World
 
 FloatArray = NDArray[np.float64]
 

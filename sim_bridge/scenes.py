@@ -18,6 +18,7 @@ from neugrasp_ros.geometry.transform import (
     random_rotation,
     translation,
 )
+from sim_bridge.contact import BodyDynamics
 from sim_bridge.objects.meshes import egad_scale
 from sim_bridge.objects.model import ObjectModel
 from sim_bridge.objects.registry import ObjectSet
@@ -28,7 +29,7 @@ from sim_bridge.scene import (
     physical_model,
     placed_model,
 )
-from sim_bridge.world import TABLE_CENTER, TABLE_HEIGHT, BodyDynamics, World
+from sim_bridge.world import TABLE_CENTER, TABLE_HEIGHT, World
 
 FloatArray = NDArray[np.float64]
 

@@ -4,10 +4,9 @@
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pybullet
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from neugrasp_ros.errors import SimulationError
 from neugrasp_ros.geometry.transform import make_transform
 from sim_bridge.bodies import pose_tuple, transform_from, write_object_urdf
+from sim_bridge.contact import BodyDynamics, Contact
 from sim_bridge.objects.model import ObjectModel
 
 FloatArray = NDArray[np.float64]
@@ -32,43 +32,6 @@ REST_CHECK_STEPS = 60  # a quarter of a second between two looks
 OBJECT_FLAGS = pybullet.URDF_USE_IMPLICIT_CYLINDER
 FAST_ITERATIONS = 50
 BENCHMARK_ITERATIONS = 150
-
-
-@dataclass(frozen=True, slots=True)
-class BodyDynamics:
-    """Contact and damping values of a body; None leaves the engine's default.
-
-    Attributes:
-        friction: Lateral friction coefficient [-]; None takes the model's.
-        spinning: Spinning friction coefficient [m].
-        rolling: Rolling friction coefficient [m].
-        linear_damping: Share of velocity lost per second [1/s].
-    """
-
-    friction: float | None = None
-    spinning: float = 0.0
-    rolling: float = 0.0
-    linear_damping: float | None = None
-
-
-class Contact(NamedTuple):
-    """One contact point between two links; -1 is a body's base link.
-
-    Attributes:
-        body_a: First body.
-        link_a: Its link.
-        body_b: Second body.
-        link_b: Its link.
-        distance: Gap in [m]; negative when the shapes overlap.
-        force: Normal force of the last step in [N].
-    """
-
-    body_a: int
-    link_a: int
-    body_b: int
-    link_b: int
-    distance: float
-    force: float
 
 
 class World:
