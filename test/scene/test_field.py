@@ -7,6 +7,7 @@ import torch
 
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import ShapeError
+from neugrasp_ros.scene import field as field_module
 from neugrasp_ros.scene.decoder import OccupancyDecoder
 from neugrasp_ros.scene.field import FREE_LOGIT, LOGIT_LIMIT, evaluate_field
 from neugrasp_ros.scene.network import SceneNetwork
@@ -42,9 +43,10 @@ class SphereNetwork:
 
 
 @pytest.fixture
-def asks_the_network() -> torch.Tensor:
-    """Planes larger than both grids: the compiled decoder is not used."""
-    return torch.zeros(1, 3, 4, 2 * SIZE, 2 * SIZE)
+def asks_the_network(monkeypatch) -> torch.Tensor:
+    """Planes for the stand-in, which is asked itself and not compiled."""
+    monkeypatch.setattr(field_module, "pack_weights", lambda decoder: None)
+    return torch.zeros(1, 3, 4, SIZE, SIZE)
 
 
 def half_seen() -> np.ndarray:
