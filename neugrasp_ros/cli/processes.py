@@ -36,15 +36,17 @@ class Supervisor:
     Args:
         commands: What to start.
         write: Takes each line of output, with its prefix.
+        stopping: Set by whoever wants all processes to end, even before they run.
     """
 
     def __init__(
         self,
         commands: Sequence[Command],
         write: Callable[[str], None] = lambda line: print(line, flush=True),
+        stopping: threading.Event | None = None,
     ) -> None:
         self._write = write
-        self._stopping = threading.Event()
+        self._stopping = stopping or threading.Event()
         environment = os.environ | {"PYTHONUNBUFFERED": "1"}
         self.processes: dict[str, subprocess.Popen[str]] = {}
         self._readers = []
@@ -72,7 +74,7 @@ class Supervisor:
                 self._write(f"[{name}] {line.rstrip()}")
 
     def request_stop(self) -> None:
-        """Make ``wait`` return; safe in a signal handler."""
+        """Make ``wait`` return."""
         self._stopping.set()
 
     def wait(self) -> int:
@@ -115,14 +117,22 @@ class Supervisor:
 
 
 @contextmanager
-def stop_on_signals(supervisor: Supervisor) -> Iterator[None]:
-    """Let SIGINT and SIGTERM end a supervisor's processes while the block runs."""
+def stop_on_signals() -> Iterator[threading.Event]:
+    """Catch what asks a command to end while the block runs: Ctrl-C, a closed terminal.
+
+    Start processes within the block: a signal that comes between two of them would
+    leave those that run without anybody to end them.
+
+    Yields:
+        The event that a signal sets.
+    """
+    stopping = threading.Event()
     before = {
-        number: signal.signal(number, lambda *_: supervisor.request_stop())
-        for number in (signal.SIGINT, signal.SIGTERM)
+        number: signal.signal(number, lambda *_: stopping.set())
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     }
     try:
-        yield
+        yield stopping
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

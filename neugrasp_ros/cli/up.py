@@ -75,6 +75,5 @@ def commands(args: argparse.Namespace) -> list[Command]:
 
 def run(args: argparse.Namespace) -> int:
     """Run the nodes until Ctrl-C (0) or until one of them ends by itself (1)."""
-    supervisor = Supervisor(commands(args))
-    with stop_on_signals(supervisor):
-        return supervisor.wait()
+    with stop_on_signals() as stopping:
+        return Supervisor(commands(args), stopping=stopping).wait()

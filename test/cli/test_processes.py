@@ -1,9 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
+import os
+import signal
 import sys
 import threading
 import time
 
-from neugrasp_ros.cli.processes import Command, Supervisor, python_main
+import pytest
+
+from neugrasp_ros.cli.processes import (
+    Command,
+    Supervisor,
+    python_main,
+    stop_on_signals,
+)
 
 IGNORES_INTERRUPT = """
 import signal, time
@@ -50,6 +59,18 @@ def test_asked_to_stop_it_returns_zero():
     wait_for(lambda: "[one] up" in lines)
     threading.Timer(0.05, supervisor.request_stop).start()
     assert supervisor.wait() == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_comes_before_the_processes_ends_them_all(number):
+    with stop_on_signals() as stopping:
+        os.kill(os.getpid(), number)
+        wait_for(stopping.is_set)
+        supervisor = Supervisor(
+            [python("one", "import time; time.sleep(60)")], lambda _: None, stopping
+        )
+        assert supervisor.wait() == 0
+    assert supervisor.processes["one"].poll() is not None
 
 
 def test_a_process_that_is_deaf_to_interrupts_is_terminated(monkeypatch):
