@@ -9,13 +9,13 @@ import pybullet
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import SimulationError
+from neugrasp_ros.geometry.finger_joint import tip_advance_at
 from neugrasp_ros.geometry.gripper import Gripper
 from neugrasp_ros.geometry.transform import translation
 from sim_bridge.bodies import pose_tuple, transform_from
 from sim_bridge.contact import Contact
 from sim_bridge.gripper_body import (
     base_center_of_mass,
-    tip_advance_at,
     write_gripper_urdf,
 )
 from sim_bridge.world import World
@@ -148,7 +148,7 @@ class SimGripper:
                 self.body, finger, opening / 2, 0.0, physicsClientId=client
             )
         if self._carriage is not None:
-            advance = tip_advance_at(self.gripper, opening)
+            advance = float(tip_advance_at(self.gripper, opening))
             pybullet.resetJointState(
                 self.body, self._carriage, advance, 0.0, physicsClientId=client
             )
@@ -248,7 +248,7 @@ class SimGripper:
             self.world.step(count)
             return
         for _ in range(count):
-            self._drive_carriage(tip_advance_at(self.gripper, self.width()))
+            self._drive_carriage(float(tip_advance_at(self.gripper, self.width())))
             self.world.step()
 
     def _drive_jaws(self, opening: float, force: float, speed: float | None) -> None:
@@ -264,7 +264,7 @@ class SimGripper:
                 **limit,
             )
         if self._carriage is not None:
-            self._drive_carriage(tip_advance_at(self.gripper, self.width()))
+            self._drive_carriage(float(tip_advance_at(self.gripper, self.width())))
 
     def _drive_carriage(self, advance: float) -> None:
         pybullet.setJointMotorControl2(

@@ -13,32 +13,6 @@ from sim_bridge.bodies import box_tag, collision_tag, inertial_tag
 HAND_MASS = 0.81  # [kg], of the benchmark's hand
 FINGER_MASS = 0.1  # [kg]
 CARRIAGE_MASS = 0.1  # [kg], carries the fingers of a hand whose tips advance
-UPRIGHT_SHARE = 0.13  # of the open half gap at which the finger cranks stand upright
-
-
-def tip_advance_at(gripper: Gripper, opening: float) -> float:
-    """Return how far the pad tips are ahead of the open ones, in [m].
-
-    The pads of a linkage gripper swing on cranks of length r: with h the half gap,
-    h0 the half gap at which the cranks stand upright, and a the whole advance,
-
-        z(h) = sqrt(r^2 - (h - h0)^2) - (r - a),  r = ((H - h0)^2 + a^2) / 2a
-
-    so that z is 0 at the open half gap H and a at h0. For the Robotiq 2F-85 that is
-    within 0.3 mm of its linkage. A parallel slide (a = 0) gives 0.
-
-    Args:
-        gripper: The gripper.
-        opening: Distance of the inner pad faces in [m].
-    """
-    advance = gripper.tip_advance
-    if advance <= 0.0:
-        return 0.0
-    half_open = gripper.max_opening / 2
-    upright = UPRIGHT_SHARE * half_open
-    crank = ((half_open - upright) ** 2 + advance**2) / (2 * advance)
-    lateral = np.clip(opening / 2, 0.0, half_open) - upright
-    return float(np.sqrt(crank**2 - lateral**2) - (crank - advance))
 
 
 def base_center_of_mass(gripper: Gripper) -> NDArray[np.float64]:

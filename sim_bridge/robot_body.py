@@ -11,10 +11,10 @@ import pybullet
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import SimulationError
+from neugrasp_ros.geometry.finger_joint import tip_advance_at
 from neugrasp_ros.geometry.gripper import Gripper
 from sim_bridge.bodies import pose_tuple
 from sim_bridge.gripper import CARRIAGE_FORCE, GEAR_ERP, GEAR_FORCE_RATIO, PAD_CONTACT
-from sim_bridge.gripper_body import tip_advance_at
 from sim_bridge.world import World
 
 FloatArray = NDArray[np.float64]
@@ -171,7 +171,7 @@ class RobotBody:
 
     def _advance(self, key: str, q: FloatArray) -> float:
         opening = float(q[self._jaws[key]].sum())
-        return tip_advance_at(self._setup.grippers[key], opening)
+        return float(tip_advance_at(self._setup.grippers[key], opening))
 
     def _join_fingers(self) -> None:
         """Couple both fingers of each gripper, and give their pads a grip."""

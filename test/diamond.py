@@ -13,6 +13,17 @@ from neugrasp_ros.model import GraspNetwork
 
 EDGE = 0.3  # [m]
 SLOPE = 200.0  # [logit/m]
+SMALL_NETWORK = NetworkConfig(
+    plane_resolution=8,
+    channels=4,
+    unet_depth=1,
+    unet_channels=4,
+    occupancy_hidden=8,
+    occupancy_blocks=1,
+    local_points=64,
+    pointnet_width=8,
+    pointnet_out=16,
+)
 
 
 @torch.no_grad()

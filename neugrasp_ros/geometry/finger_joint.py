@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's joint of a gripper against the distance of its pads.
+"""Finger joint and tip advance of a gripper against the distance of its pads.
 
 A linkage gripper swings its pads on cranks. With H the half gap of open jaws, a the
 advance of the tips, and h0 the half gap at which the cranks stand upright,
@@ -12,9 +12,35 @@ parallel slide (a = 0) has the way of one finger in [m] for a joint.
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from neugrasp_ros.geometry.gripper import Gripper
 
+FloatArray = NDArray[np.float64]
+
 UPRIGHT_SHARE = 0.13  # h0 over H
+
+
+def tip_advance_at(gripper: Gripper, openings: FloatArray | float) -> FloatArray:
+    """Return how far the pad tips are ahead of the open ones, in [m].
+
+    With h the half gap, z(h) = sqrt(r^2 - (h - h0)^2) - (r - a): 0 at the open half gap
+    and a at h0, for the 2F-85 within 0.3 mm of its linkage. A parallel slide gives 0.
+
+    Args:
+        gripper: The gripper.
+        openings: Distance of the inner pad faces in [m], any shape.
+    """
+    openings = np.asarray(openings, dtype=np.float64)
+    advance = gripper.tip_advance
+    if advance <= 0.0:
+        return np.zeros_like(openings)
+    half_open = gripper.max_opening / 2
+    upright = UPRIGHT_SHARE * half_open
+    crank = ((half_open - upright) ** 2 + advance**2) / (2 * advance)
+    lateral = np.clip(openings / 2, 0.0, half_open) - upright
+    return np.asarray(np.sqrt(crank**2 - lateral**2) - (crank - advance))
 
 
 def opening_at(gripper: Gripper, joint: float) -> float:

@@ -15,8 +15,6 @@ from neugrasp_ros.geometry.gripper import Gripper
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-UPRIGHT_SHARE = 0.13  # of the open half gap, where a 2F-85's cranks stand upright
-
 
 @njit(cache=True, nogil=True)
 def _swept_free(
@@ -103,29 +101,6 @@ def approach_is_free(
             retreat,
         )
     )
-
-
-def tip_advance(gripper: Gripper, openings: FloatArray) -> FloatArray:
-    """Return how far the pad tips are ahead of the open ones, in [m].
-
-    The pads of a linkage gripper swing on cranks. With h the half gap, h0 the half gap
-    at which the cranks stand upright, H the open half gap and a the whole advance:
-
-        z(h) = sqrt(r^2 - (h - h0)^2) - (r - a),  r = ((H - h0)^2 + a^2) / 2a
-
-    Args:
-        gripper: The hand; one whose jaws slide in parallel (a = 0) gives 0.
-        openings: Distance of the inner pad faces in [m], any shape.
-    """
-    openings = np.asarray(openings, dtype=np.float64)
-    advance = gripper.tip_advance
-    if advance <= 0.0:
-        return np.zeros_like(openings)
-    half_open = gripper.max_opening / 2
-    upright = UPRIGHT_SHARE * half_open
-    crank = ((half_open - upright) ** 2 + advance**2) / (2 * advance)
-    lateral = np.clip(openings / 2, 0.0, half_open) - upright
-    return np.asarray(np.sqrt(crank**2 - lateral**2) - (crank - advance))
 
 
 def support_clearance(

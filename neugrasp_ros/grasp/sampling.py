@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import ConfigError, ShapeError
+from neugrasp_ros.geometry.finger_joint import tip_advance_at
 from neugrasp_ros.geometry.gripper import Gripper
 from neugrasp_ros.geometry.transform import canonical_gripper
 from neugrasp_ros.grasp.collision import (
     approach_is_free,
     hand_measures,
     support_clearance,
-    tip_advance,
 )
 from neugrasp_ros.grasp.hypotheses import (
     choose_seeds,
@@ -343,7 +343,7 @@ def _advance(
 
 def _half_advance(gripper: Gripper) -> float:
     """Return the tips' advance on something of medium width, in [m]."""
-    return float(tip_advance(gripper, np.array(gripper.max_opening / 2)))
+    return float(tip_advance_at(gripper, np.array(gripper.max_opening / 2)))
 
 
 def _inspect(
@@ -372,7 +372,7 @@ def _lift(
     descent = np.maximum(-found.poses[:, 2, 2], 0.0)
     openings = np.full(len(found.poses), gripper.max_opening)
     height = support_clearance(found.poses, openings, gripper, support_height)
-    height -= descent * tip_advance(gripper, contact_widths) + config.min_clearance
+    height -= descent * tip_advance_at(gripper, contact_widths) + config.min_clearance
     back = np.maximum(-height, 0.0) / np.maximum(descent, 0.1)
     poses = found.poses.copy()
     poses[:, :3, 3] -= back[:, None] * poses[:, :3, 2]

@@ -3,26 +3,13 @@ import argparse
 import json
 
 import pytest
-from diamond import diamond_network
+from diamond import SMALL_NETWORK, diamond_network
 from labelled import ASTRAY, CENTER, SIDE, TOP, labels_of
 
 from neugrasp_ros.cli import evaluate
-from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.datagen.shards import write_shard
 from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.model import save_network
-
-NETWORK = NetworkConfig(
-    plane_resolution=8,
-    channels=4,
-    unet_depth=1,
-    unet_channels=4,
-    occupancy_hidden=8,
-    occupancy_blocks=1,
-    local_points=64,
-    pointnet_width=8,
-    pointnet_out=16,
-)
 
 
 def parse(*words):
@@ -33,7 +20,7 @@ def parse(*words):
 
 @pytest.fixture
 def weights(tmp_path):
-    network = diamond_network(NETWORK, CENTER, 0.04)
+    network = diamond_network(SMALL_NETWORK, CENTER, 0.04)
     save_network(network, tmp_path / "w.safetensors")
     return tmp_path / "w.safetensors"
 

@@ -2,12 +2,12 @@
 import numpy as np
 import pytest
 
+from neugrasp_ros.geometry.finger_joint import tip_advance_at
 from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.geometry.transform import apply, random_rotation, translation
 from neugrasp_ros.grasp.collision import (
     approach_is_free,
     support_clearance,
-    tip_advance,
 )
 
 PANDA = load_gripper("panda")
@@ -65,8 +65,8 @@ def test_clearance_is_that_of_the_lowest_corner():
 def test_tips_of_a_linkage_advance_as_they_close():
     robotiq = load_gripper("robotiq_2f85")
     openings = np.array([0.085, 0.06, 0.03, 0.011])
-    advance = tip_advance(robotiq, openings)
+    advance = tip_advance_at(robotiq, openings)
     assert advance[0] == pytest.approx(0.0, abs=1e-12)
     assert (np.diff(advance) > 0).all()
     assert advance[-1] == pytest.approx(robotiq.tip_advance, abs=2e-4)
-    assert (tip_advance(PANDA, openings) == 0.0).all()
+    assert (tip_advance_at(PANDA, openings) == 0.0).all()

@@ -4,8 +4,9 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from neugrasp_ros.geometry.finger_joint import tip_advance_at
 from neugrasp_ros.geometry.gripper import load_gripper
-from sim_bridge.gripper_body import tip_advance_at, write_gripper_urdf
+from sim_bridge.gripper_body import write_gripper_urdf
 
 
 @pytest.mark.parametrize(

@@ -4,28 +4,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from diamond import diamond_network
+from diamond import SMALL_NETWORK, diamond_network
 from labelled import CENTER, SIDE, TOP, labels_of
 
-from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.training.batches import GraspCache
 from neugrasp_ros.training.calibration import calibrate
 from neugrasp_ros.training.quality import predict
 from neugrasp_ros.training.run import render_scenes
 
-NETWORK = NetworkConfig(
-    plane_resolution=8,
-    channels=4,
-    unet_depth=1,
-    unet_channels=4,
-    occupancy_hidden=8,
-    occupancy_blocks=1,
-    local_points=64,
-    pointnet_width=8,
-    pointnet_out=16,
-    affordances=("cut", "pour", "wear"),
-)
+NETWORK = replace(SMALL_NETWORK, affordances=("cut", "pour", "wear"))
 HANDS = [translation(0, 0, 0.001 * i) @ hand for i in range(26) for hand in (TOP, SIDE)]
 
 

@@ -1,27 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from diamond import diamond_network
+from diamond import SMALL_NETWORK, diamond_network
 from labelled import ASTRAY, CENTER, SIDE, TOP, labels_of
 
-from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.training.evaluation import ViewScores, report, score_scene
 from neugrasp_ros.training.quality import Predictions
 
-NETWORK = NetworkConfig(
-    plane_resolution=8,
-    channels=4,
-    unet_depth=1,
-    unet_channels=4,
-    occupancy_hidden=8,
-    occupancy_blocks=1,
-    local_points=64,
-    pointnet_width=8,
-    pointnet_out=16,
-    affordances=("cut", "pour"),
-)
+NETWORK = replace(SMALL_NETWORK, affordances=("cut", "pour"))
 
 
 def view_of(index: int, *, gripper: str = "panda", known: bool = True) -> ViewScores:

@@ -5,10 +5,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from diamond import diamond_network
+from diamond import SMALL_NETWORK, diamond_network
 from labelled import ASTRAY, CENTER, SIDE, TOP, labels_of
 
-from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import ShardError
 from neugrasp_ros.geometry.mesh import box_mesh
 from neugrasp_ros.geometry.transform import translation
@@ -28,17 +27,6 @@ from neugrasp_ros.training.views import EDGE, ViewRange
 from sim_bridge.scene import SceneMeshes
 
 HALF = np.full(3, 0.025)
-NETWORK = NetworkConfig(
-    plane_resolution=8,
-    channels=4,
-    unet_depth=1,
-    unet_channels=4,
-    occupancy_hidden=8,
-    occupancy_blocks=1,
-    local_points=64,
-    pointnet_width=8,
-    pointnet_out=16,
-)
 FROM_ABOVE = ViewRange(polar=(0.2, 0.4), noise=(1.0, 0.0, 0.0))
 
 
@@ -51,7 +39,7 @@ def box_on_the_table(monkeypatch):
 
 @pytest.fixture(scope="module")
 def network():
-    return diamond_network(NETWORK, CENTER, 0.04).scene
+    return diamond_network(SMALL_NETWORK, CENTER, 0.04).scene
 
 
 @pytest.fixture

@@ -4,31 +4,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from diamond import diamond_network
+from diamond import SMALL_NETWORK, diamond_network
 from labelled import CENTER, SIDE, TOP, labels_of
 
-from neugrasp_ros.config import NetworkConfig, TrainConfig
+from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.training.cache import load_entry
 from neugrasp_ros.training.run import DEFAULT_STAGES, render_scenes, train_stage
 
-NETWORK = NetworkConfig(
-    plane_resolution=8,
-    channels=4,
-    unet_depth=1,
-    unet_channels=4,
-    occupancy_hidden=8,
-    occupancy_blocks=1,
-    local_points=64,
-    pointnet_width=8,
-    pointnet_out=16,
-)
 HANDS = [translation(0, 0, 0.005 * i) @ hand for i in range(4) for hand in (TOP, SIDE)]
 
 
 @pytest.fixture
 def network():
-    return diamond_network(NETWORK, CENTER, 0.04)
+    return diamond_network(SMALL_NETWORK, CENTER, 0.04)
 
 
 @pytest.fixture(scope="module")
