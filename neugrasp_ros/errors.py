@@ -129,6 +129,19 @@ class ShardError(NeuGraspError):
     """A data shard is damaged or was written by another version."""
 
 
+class SceneFileError(NeuGraspError):
+    """A saved scene is missing, damaged, or cannot be written.
+
+    Args:
+        path: The file.
+        reason: What is wrong with it, and what was expected.
+    """
+
+    def __init__(self, path: object, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = path
+
+
 class ObjectFileError(NeuGraspError):
     """An object's file is missing, broken, or not what its ending says.
 

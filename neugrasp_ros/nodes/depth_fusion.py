@@ -22,6 +22,7 @@ from neugrasp_ros.nodes.compat.tf import TransformException
 from neugrasp_ros.nodes.conversions import from_stamp
 from neugrasp_ros.nodes.outcomes import Code, DetectionError
 from neugrasp_ros.nodes.params import LiveConfig
+from neugrasp_ros.nodes.scene_file import SavedScene
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import FusionConfig, WorkspaceConfig
 
@@ -30,6 +31,7 @@ Lookup = Callable[[str, str, int], FloatArray]
 
 RATE_SLACK = 0.7  # an image this share of a period after the last is not too early
 JUMP_BACK = 10**9  # [ns]; stamps that fall by more belong to a new run
+COUNTS = ("received", "fused", "skipped", "no_tf", "refused")
 ABSURD_DEPTH = 50.0  # [m]; a median beyond this is millimetres in a float image
 
 
@@ -73,7 +75,7 @@ class DepthFusion:
         self._newest = 0  # stamp of the newest image that came [ns]
         self._taken = 0  # and of the newest that was not too early [ns]
         self._revision = time.time_ns() // 10**6  # differs from an earlier run's
-        self.counts = {"received": 0, "fused": 0, "no_tf": 0, "refused": 0}
+        self.counts = dict.fromkeys(COUNTS, 0)
         self._clear()
 
     def _clear(self) -> None:
@@ -82,6 +84,8 @@ class DepthFusion:
             config.resolution, config.workspace.size[0], config.truncation_voxels
         )
         self._workspace = config.workspace
+        self._camera_position: FloatArray | None = None  # of the last view fused
+        self._loaded = False  # the volume came from a file and no image since
         self._stamp = 0  # of the newest image in the volume [ns]
         self._seconds = 0.0
         self._valid_share = 0.0
@@ -99,6 +103,30 @@ class DepthFusion:
         with self._changed:
             self.reset()
             self._newest = self._taken = 0
+            self._problem = None
+
+    def saved(self) -> SavedScene:
+        """Return the scene now, however old, as it goes into a file.
+
+        Raises:
+            DetectionError: If no image was fused.
+        """
+        with self._changed:
+            if not self._volume.view_count:
+                raise DetectionError(
+                    Code.NO_DEPTH, "nothing to save: no depth image was fused yet"
+                )
+            return SavedScene(self._volume, self._workspace, self._stamp)
+
+    def load(self, scene: SavedScene) -> None:
+        """Show a scene of a file as if it had been seen now, until the next image.
+
+        It does not age: whoever loads it says that it is so.
+        """
+        with self._changed:
+            self.reset()
+            self._volume, self._workspace = scene.volume, scene.workspace
+            self._stamp, self._loaded = self._now(), True
             self._problem = None
 
     def on_camera_info(self, info: CameraInfo) -> None:
@@ -174,6 +202,9 @@ class DepthFusion:
     def _fuse(
         self, image: Image, T_frame_camera: FloatArray, camera: Intrinsics
     ) -> bool:
+        if self._is_too_near(T_frame_camera):
+            self.counts["skipped"] += 1
+            return False
         try:
             depth = self._clean(read_depth(image))
         except DepthImageError as error:
@@ -193,7 +224,17 @@ class DepthFusion:
             invert(workspace_pose(self._config.current.workspace)) @ T_frame_camera
         )
         shot = DepthView(depth, camera, T_task_camera)
-        return self._integrate(shot, from_stamp(image.header.stamp))
+        changed = self._integrate(shot, from_stamp(image.header.stamp))
+        self._camera_position = T_frame_camera[:3, 3].copy()
+        return changed
+
+    def _is_too_near(self, T_frame_camera: FloatArray) -> bool:
+        """Tell whether the camera has hardly moved since the last view fused."""
+        config, last = self._config.current, self._camera_position
+        if last is None or config.workspace != self._workspace:
+            return False
+        moved = np.linalg.norm(T_frame_camera[:3, 3] - last)
+        return bool(moved < config.min_motion)
 
     def _clean(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the image with NaN wherever it is not to be used."""
@@ -217,8 +258,11 @@ class DepthFusion:
 
     def _integrate(self, shot: DepthView, stamp: int) -> bool:
         config, start = self._config.current, time.perf_counter()
-        if config.workspace != self._workspace:
+        shape = self._volume.distances.shape
+        if config.workspace != self._workspace or shape != config.resolution:
             self._clear()
+        if self._loaded:
+            self._loaded, self._stamp = False, 0
         fuse = config.view_mode == "fuse"
         before = self._volume
         if not fuse:
@@ -273,7 +317,7 @@ class DepthFusion:
         age = (self._now() - self._stamp) / 1e9
         limit = config.max_depth_age
         fresh = self._stamp and not (limit and age > limit)
-        if fresh:
+        if fresh or self._loaded:
             return
         if self._problem is not None:
             raise self._problem
@@ -283,9 +327,12 @@ class DepthFusion:
             raise DetectionError(
                 Code.NO_DEPTH, "no depth/image since the scene was cleared"
             )
+        least = config.min_motion
+        why = f"; views closer than min_motion, {least} m, are skipped" if least else ""
         raise DetectionError(
             Code.STALE_DEPTH,
-            f"the newest depth image is {age:.2f} s old, max_depth_age is {limit} s",
+            f"the newest depth image is {age:.2f} s old, max_depth_age is {limit} s"
+            + why,
         )
 
     @property

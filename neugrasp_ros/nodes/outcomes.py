@@ -11,6 +11,7 @@ from neugrasp_ros.errors import (
     NeuGraspError,
     RevisionError,
     RobotModelError,
+    SceneFileError,
     ShapeError,
     UnknownAffordanceError,
     UnknownNameError,
@@ -59,6 +60,7 @@ CODES = (
     (RobotModelError, Code.INVALID_REQUEST),
     (UnknownNameError, Code.INVALID_REQUEST),
     (ConfigError, Code.INVALID_REQUEST),
+    (SceneFileError, Code.INVALID_REQUEST),
     (ShapeError, Code.INVALID_REQUEST),
 )
 

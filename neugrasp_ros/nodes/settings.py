@@ -74,7 +74,15 @@ class FusionConfig(Checked):
     publish_rate: float = option(
         2.0, "Most volumes published per second [Hz]; 0 = none", 0.0, 30.0
     )
+    min_motion: float = option(
+        0.0,
+        "Views whose camera moved less since the last one are skipped [m]; 0 = none",
+        0.0, 1.0,
+    )  # fmt: skip
     integrating: bool = option(True, "Take new images")
+    scene_path: str = fixed(
+        option("", "File of ~/save and ~/load, ending in .npz; empty = refused")
+    )
     carve_infinite: bool = option(False, "+Inf depth is free space up to max_depth")
     invalid_border: int = option(0, "Image border not used [pixel]", 0, 50)
 

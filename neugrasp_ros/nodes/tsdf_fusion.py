@@ -3,6 +3,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
+from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.fusion.tsdf import seen_surface
 from neugrasp_ros.geometry.transform import apply
 from neugrasp_ros.nodes.compat.clouds import write_cloud
@@ -31,6 +33,7 @@ from neugrasp_ros.nodes.outcomes import DetectionError
 from neugrasp_ros.nodes.params import declare_config
 from neugrasp_ros.nodes.qos import latched, overrides, sensor_input
 from neugrasp_ros.nodes.runtime import run
+from neugrasp_ros.nodes.scene_file import read_scene, write_scene
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import FusionConfig
 from neugrasp_ros.nodes.work import answer, shielded
@@ -65,6 +68,8 @@ class TsdfFusionNode(Node):
             (Trigger, "~/reset", self._on_reset),
             (SetBool, "~/set_integrating", self._on_set_integrating),
             (GetTsdf, "~/get_tsdf", self._on_get_tsdf),
+            (Trigger, "~/save", self._on_save),
+            (Trigger, "~/load", self._on_load),
         ):
             self.create_service(kind, name, callback, callback_group=services)
 
@@ -182,6 +187,34 @@ class TsdfFusionNode(Node):
             response.volume = to_tsdf(view)
 
         return answer(self, response, work)
+
+    def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> object:
+        def work() -> None:
+            path = self._scene_path()
+            write_scene(path, self.fusion.saved())
+            response.message = f"scene written to {path}"
+
+        return answer(self, response, work)
+
+    def _on_load(self, _: Trigger.Request, response: Trigger.Response) -> object:
+        def work() -> None:
+            path = self._scene_path()
+            scene = read_scene(path)
+            self.set_parameters([Parameter("integrating", value=False)])
+            self.fusion.load(scene)
+            self.publish(self.fusion.view())
+            response.message = (
+                f"{path} is the scene now; integrating is off, ~/set_integrating turns "
+                "it on"
+            )
+
+        return answer(self, response, work)
+
+    def _scene_path(self) -> Path:
+        path = self._config.current.scene_path
+        if not path:
+            raise ConfigError("no file to save to or load from: set scene_path")
+        return Path(path).expanduser()
 
 
 def start(executor: Executor) -> Callable[[], None]:

@@ -276,7 +276,8 @@ def test_too_many_images_are_thinned_out():
     rig.fusion.on_camera_info(camera_info())
     for _ in range(10):
         rig.shoot()
-    assert rig.fusion.counts == {"received": 10, "fused": 3, "no_tf": 0, "refused": 0}
+    counts = {"received": 10, "fused": 3, "skipped": 0, "no_tf": 0, "refused": 0}
+    assert rig.fusion.counts == counts
 
 
 def test_not_integrating_keeps_the_scene(rig):
@@ -319,3 +320,61 @@ def test_waiting_ends_with_what_is_wanted_or_at_the_deadline(rig):
     rig.fusion.reset()
     with pytest.raises(DetectionError, match="cleared"):
         rig.fusion.wait(lambda v: True, time.monotonic() + 0.05)
+
+
+@pytest.mark.parametrize("mode", ["latest", "fuse"])
+def test_a_view_from_nearly_the_same_place_is_skipped(mode):
+    rig = Rig(view_mode=mode, min_motion=0.05)
+    rig.fusion.on_camera_info(camera_info())
+    rig.shoot()
+    first = rig.fusion.view()
+    rig.scene.add_box((0.15, 0.15, 0.07))
+    rig.scene.T_base_camera[2, 3] += 0.04
+    assert not rig.shoot()
+    assert rig.fusion.view().stamp == first.stamp
+    rig.scene.T_base_camera[2, 3] += 0.02
+    assert rig.shoot()
+    assert rig.fusion.counts["skipped"] == 1 and rig.fusion.counts["fused"] == 2
+    rig.fusion.reset()
+    assert rig.shoot()  # the first of a new scene is always taken
+    rig.time += 3 * SECOND
+    assert "views closer than min_motion, 0.05 m, are skipped" in rig.reason().sentence
+
+
+def test_nothing_fused_cannot_be_saved(rig):
+    with pytest.raises(DetectionError, match="nothing to save") as caught:
+        rig.fusion.saved()
+    assert caught.value.code is Code.NO_DEPTH
+
+
+def test_a_loaded_scene_stays_until_the_next_image(rig):
+    rig.scene.add_box((0.15, 0.15, 0.07))
+    rig.shoot()
+    saved = rig.fusion.saved()
+    rig.scene.clear()
+    rig.shoot()
+    before = rig.fusion.view()
+    rig.fusion.load(saved)
+    rig.time += 60 * SECOND
+    view = rig.fusion.view()
+    assert view.revision > before.revision and view.stamp == rig.time - 60 * SECOND
+    assert len(box_points(rig, [0.15, 0.15, 0.09]))
+    rig.shoot()
+    assert not len(box_points(rig, [0.15, 0.15, 0.09]))
+    assert rig.fusion.view().stamp == rig.time
+    rig.time += 3 * SECOND
+    assert rig.reason().code is Code.STALE_DEPTH
+
+
+def test_a_scene_of_another_workspace_keeps_its_place_and_is_not_fused_into():
+    rig = Rig(view_mode="fuse")
+    rig.fusion.on_camera_info(camera_info())
+    rig.shoot()
+    elsewhere = WorkspaceConfig(frame="map", origin=(1.0, 2.0, 3.0))
+    rig.fusion.load(rig.fusion.saved()._replace(workspace=elsewhere))
+    view = rig.fusion.view()
+    assert view.frame_id == "map"
+    np.testing.assert_allclose(view.T_frame_task[:3, 3], [1.0, 2.0, 3.0])
+    rig.shoot()
+    assert rig.fusion.view().frame_id == "base"
+    assert rig.fusion.view().volume.view_count == 1

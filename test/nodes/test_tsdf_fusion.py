@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+import pytest
+
+pytest.importorskip("neugrasp_msgs")
+
+from neugrasp_msgs.srv import GetTsdf  # noqa: E402
+from nodes.camera_node import CameraNode, ClientNode  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+
+from neugrasp_ros.fusion.tsdf import seen_surface  # noqa: E402
+from neugrasp_ros.nodes.conversions import from_tsdf  # noqa: E402
+from neugrasp_ros.nodes.tsdf_fusion import TsdfFusionNode  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+BOX = (0.15, 0.15, 0.07)
+
+
+class Rig:
+    def __init__(self, spinner, **parameters) -> None:
+        overrides = [Parameter(name, value=v) for name, v in parameters.items()]
+        self.fusion = spinner.add(TsdfFusionNode(parameter_overrides=overrides))
+        self.camera = spinner.add(CameraNode())
+        self.user = spinner.add(ClientNode())
+        self.camera.send_tf()
+
+    def call(self, kind, name, **fields):
+        return self.user.call(kind, f"tsdf_fusion/{name}", **fields)
+
+    def shows_box(self) -> bool:
+        answer = self.call(GetTsdf, "get_tsdf")
+        if not answer.success:
+            return False
+        points, _ = seen_surface(from_tsdf(answer.volume).volume)
+        return bool((points[:, 2] > 0.08).any())
+
+
+def test_a_scene_is_saved_and_shown_again(spinner, wait_until, tmp_path):
+    path = tmp_path / "scene.npz"
+    rig = Rig(spinner, scene_path=str(path))
+    rig.camera.scene.add_box(BOX)
+    wait_until(rig.shows_box, seconds=30.0)
+    saved = rig.call(Trigger, "save")
+    assert saved.success and saved.message == f"scene written to {path}"
+    rig.camera.scene.clear()
+    wait_until(lambda: not rig.shows_box(), seconds=30.0)
+    loaded = rig.call(Trigger, "load")
+    assert loaded.success and "integrating is off" in loaded.message
+    assert rig.shows_box()
+    assert not rig.fusion.get_parameter("integrating").value
+    assert rig.call(SetBool, "set_integrating", data=True).success
+    wait_until(lambda: not rig.shows_box(), seconds=30.0)
+
+
+def test_a_file_that_is_no_scene_leaves_everything_as_it_is(
+    spinner, wait_until, tmp_path
+):
+    path = tmp_path / "scene.npz"
+    path.write_text("no scene")
+    rig = Rig(spinner, scene_path=str(path))
+    rig.camera.scene.add_box(BOX)
+    wait_until(rig.shows_box, seconds=30.0)
+    answer = rig.call(Trigger, "load")
+    assert not answer.success
+    assert answer.message.startswith(f"INVALID_REQUEST: {path}: is no scene file")
+    assert rig.fusion.get_parameter("integrating").value and rig.shows_box()
+
+
+def test_without_a_path_or_a_view_the_services_say_so(spinner, tmp_path):
+    rig = Rig(spinner)
+    for name in ("save", "load"):
+        answer = rig.call(Trigger, name)
+        assert not answer.success and "set scene_path" in answer.message
+    result = rig.fusion.set_parameters([Parameter("scene_path", value="/tmp/x.npz")])
+    assert not result[0].successful  # a caller must not choose where we write
