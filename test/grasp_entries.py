@@ -48,6 +48,7 @@ def grasp_entry(seed: int, count: int = 12) -> GraspEntry:
         rng.normal(size=(count, TOKEN_FEATURES)).astype(np.float32),
         labels,
         np.ones(count, dtype=bool),
+        np.ones(count, dtype=bool),
         affordances,
         np.tile(np.eye(4, dtype=np.float32), (count, 1, 1)),
         local,

@@ -76,7 +76,7 @@ def _predictions(probe: ProbeRecord) -> Predictions:
     predicted = np.array(probe.predicted, dtype=np.float32)
     held = np.ones(len(predicted), dtype=np.float32)
     afforded = np.array(probe.afforded, dtype=np.float32)
-    return Predictions(held, held, predicted, afforded, held > 0)
+    return Predictions(held, held, held > 0, predicted, afforded, held > 0)
 
 
 def _share(outcomes: Sequence[bool]) -> dict[str, Any]:

@@ -31,6 +31,11 @@ def add_parser(
         choices=("train", "tune", "val", "held_out"),
         help="held_out: affordance objects never learned from",
     )
+    parser.add_argument(
+        "--no-physics", action="store_true",
+        help="label only what geometry tells, above all the parts between the jaws: "
+        "many scenes of affordance objects at a low price",
+    )  # fmt: skip
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument(
         "--engine", nargs="+", default=["local"], metavar=("local|dask", "ADDRESS")
@@ -56,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
         n_scenes=args.scenes,
         seed=args.seed,
         split=args.split,
+        physics=not args.no_physics,
     )
     said = 0.0
 

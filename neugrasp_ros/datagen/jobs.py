@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from neugrasp_ros.datagen.candidates import CandidateConfig
-from neugrasp_ros.datagen.labels import VARIED, SceneJob
+from neugrasp_ros.datagen.labels import VARIED, WITHOUT_PHYSICS, SceneJob
 from neugrasp_ros.errors import ConfigError
 
 GRIPPER_SHARES = {"panda": 0.45, "robotiq_2f85": 0.3, VARIED: 0.25}
@@ -34,6 +34,8 @@ class RunPlan:
         seed: Seed of the run.
         split: Part of the object sets: ``train``, ``tune`` or ``val``.
         shake_share: Share of scenes whose lifted objects are also shaken.
+        physics: Try the grasps. Without it only geometry is labelled: which grasps
+            collide at once, and which parts lie between the jaws.
         candidates: Numbers and kinds of grasps a scene.
     """
 
@@ -44,6 +46,7 @@ class RunPlan:
     seed: int
     split: str = "train"
     shake_share: float = 0.125
+    physics: bool = True
     candidates: CandidateConfig = field(default_factory=CandidateConfig)
 
     def __post_init__(self) -> None:
@@ -93,9 +96,14 @@ class RunPlan:
             objects=sets[int(u[1] * len(sets))],
             split=self.split,
             gripper=_by_share(self.grippers(), u[2]),
-            preset="fast_shake" if u[3] < self.shake_share else "fast",
+            preset=self._preset(u[3]),
             candidates=self.candidates,
         )
+
+    def _preset(self, u: float) -> str:
+        if not self.physics:
+            return WITHOUT_PHYSICS
+        return "fast_shake" if u < self.shake_share else "fast"
 
     def jobs(self, done: Sequence[int] | set[int] = ()) -> list[SceneJob]:
         """Return the jobs of all scenes but those that are done."""

@@ -32,9 +32,11 @@ from sim_bridge.world import FAST_ITERATIONS, TABLE_HEIGHT, World
 
 FloatArray = NDArray[np.float64]
 
-REASONS = ("success", *FAILURES)
+NOT_TRIED = "not_tried"
+REASONS = ("success", *FAILURES, NOT_TRIED)
 UNKNOWN = -1  # of ``shake_held``
 VARIED = "varied"  # gripper of a job: drawn for the scene
+WITHOUT_PHYSICS = "none"  # preset of a job: only what geometry tells
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +50,7 @@ class SceneJob:
         objects: Object set, by name or folder.
         split: Which part of the set to draw from.
         gripper: Gripper, by name or file, or ``VARIED``.
-        preset: Trial preset of ``sim_bridge.trial``.
+        preset: Trial preset of ``sim_bridge.trial``, or ``WITHOUT_PHYSICS``.
         candidates: Numbers and kinds of grasps.
     """
 
@@ -80,7 +82,7 @@ class GraspLabels:
         widths: Jaw opening at the end of the trial in [m]; NaN = not tried.
         stop_depths: How far before the grasp the approach ended in [m]; NaN = not
             tried.
-        labels: 1 = success, shape (G,).
+        labels: 1 = success, shape (G,); 0 where it is not known, see ``judged``.
         reasons: Index into ``REASONS``, shape (G,).
         tried: True if it went through physics, shape (G,).
         touched: The hand touched something before the jaws closed, shape (G,).
@@ -131,6 +133,10 @@ class GraspLabels:
         return pose_from(
             self.positions.astype(np.float64), self.quaternions.astype(np.float64)
         )
+
+    def judged(self) -> NDArray[np.bool_]:
+        """Tell of which grasps it is known whether they succeed, shape (G,)."""
+        return np.asarray(self.reasons != REASONS.index(NOT_TRIED))
 
     def side(self) -> NDArray[np.bool_]:
         """Tell which are side grasps, shape (G,)."""
@@ -207,6 +213,10 @@ def _try_all(
     hits_array = np.array(hits, dtype=bool).reshape(-1, 3)
     tried = ~(drawn.blocked & hits_array[:, 0])
     columns = _blank_columns(drawn, hits_array, tried)
+    if job.preset == WITHOUT_PHYSICS:
+        columns["reasons"][tried] = REASONS.index(NOT_TRIED)
+        columns["tried"] = np.zeros_like(tried)
+        return columns
     rows = np.flatnonzero(tried)
     trials = run_trials(
         world,

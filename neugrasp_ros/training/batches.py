@@ -51,6 +51,7 @@ class GraspBatch:
         point_features: Shape (B * K, P, F).
         tokens: Shape (B * K, T).
         labels: Shape (B * K,).
+        judged: Grasps whose label is known, shape (B * K,).
         affordances: 0 or 1, shape (B * K, A); 0 where not known.
         known: Grasps whose affordances are known, shape (B * K,).
         local_points: In units of the edge, shape (B, M, 3).
@@ -62,6 +63,7 @@ class GraspBatch:
     point_features: Tensor
     tokens: Tensor
     labels: Tensor
+    judged: Tensor
     affordances: Tensor
     known: Tensor
     local_points: Tensor
@@ -146,6 +148,7 @@ def _stack(
         torch.from_numpy(np.concatenate([i.point_features for i in inputs])),
         torch.from_numpy(np.concatenate([i.tokens for i in inputs])),
         _floats(np.concatenate([entry.labels[some] for entry, some in pairs])),
+        torch.from_numpy(np.concatenate([e.judged[some] for e, some in pairs])),
         _floats(np.where(known[:, None], targets, 0)),
         torch.from_numpy(known),
         _floats(np.stack([e.local_points[some] / POINT_SCALE for e, some in local])),

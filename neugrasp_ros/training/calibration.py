@@ -42,7 +42,8 @@ def calibrate(
         same = torch.tensor([1.0, 0.0]).repeat(len(classes), 1)
         network.affordance_calibration.copy_(same)
     raw = predict(network, entries)
-    network.calibration.copy_(torch.tensor(platt_scaling(raw.quality, raw.labels)))
+    fitted = platt_scaling(raw.quality[raw.judged], raw.labels[raw.judged])
+    network.calibration.copy_(torch.tensor(fitted))
     for column in range(len(classes)):
         afforded = raw.afforded[raw.known, column]
         if min(afforded.sum(), (1 - afforded).sum()) < MIN_EXAMPLES:

@@ -18,12 +18,13 @@ MACRO = "macro"
 
 def quality_figures(scores: Predictions) -> dict[str, float]:
     """Return how well the quality tells successes from failures."""
+    quality, labels = scores.quality[scores.judged], scores.labels[scores.judged]
     return {
-        "grasps": len(scores.labels),
-        "positive": float(np.mean(scores.labels)),
-        "auc": roc_auc(scores.quality, scores.labels),
-        "ap": average_precision(scores.quality, scores.labels),
-        "ece": expected_calibration_error(scores.quality, scores.labels),
+        "grasps": len(labels),
+        "positive": float(np.mean(labels)) if len(labels) else float("nan"),
+        "auc": roc_auc(quality, labels),
+        "ap": average_precision(quality, labels),
+        "ece": expected_calibration_error(quality, labels),
     }
 
 

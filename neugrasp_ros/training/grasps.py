@@ -52,6 +52,7 @@ class GraspEntry:
         point_features: Shape (G, P, POINT_FEATURES).
         tokens: Shape (G, TOKEN_FEATURES).
         labels: 1 = success, shape (G,).
+        judged: Whether it succeeds is known, shape (G,).
         tried: Went through physics, shape (G,).
         affordances: 1 = affords the class, 0 = does not, ``NOT_KNOWN``, shape (G, A).
         poses: Poses ``T_task_gripper``, shape (G, 4, 4).
@@ -64,6 +65,7 @@ class GraspEntry:
     point_features: NDArray[np.float16]
     tokens: NDArray[np.float32]
     labels: NDArray[np.uint8]
+    judged: NDArray[np.bool_]
     tried: NDArray[np.bool_]
     affordances: NDArray[np.uint8]
     poses: NDArray[np.float32]
@@ -137,6 +139,7 @@ def _entry(
         inputs.point_features[kept].astype(np.float16),
         inputs.tokens[kept],
         labels.grasps.labels[kept],
+        labels.grasps.judged()[kept],
         labels.grasps.tried[kept],
         affordance_targets(labels)[kept],
         labels.grasps.poses()[kept].astype(np.float32),
@@ -157,16 +160,17 @@ def affordance_targets(labels: SceneLabels) -> NDArray[np.uint8]:
 def known_affordances(labels: SceneLabels) -> NDArray[np.bool_]:
     """Tell of which grasps of a scene it is known what they afford, shape (G,).
 
-    Failed grasps are left out rather than called negative: the heads then predict what
-    a grasp is good for *given that it holds*, which the ranking multiplies by the
-    probability that it does. A scene without a labelled object says nothing either: a
-    plain cylinder is shaped like a mug's body.
+    The heads predict what a grasp is good for *given that it holds*, which the ranking
+    multiplies by the probability that it does. What that would be is told by the parts
+    between the jaws, so failed and untried grasps teach it as well where they hold any
+    such part. A scene without a labelled object says nothing: a plain cylinder is
+    shaped like a mug's body.
     """
     grasps = labels.grasps
     labelled = any(item.set_name == AFFORDANCE_SET for item in labels.scene.objects)
     if not (labelled or grasps.affordances.any()):
         return np.zeros(len(grasps), dtype=bool)
-    return np.asarray(grasps.labels > 0)
+    return np.asarray((grasps.labels > 0) | grasps.affordances.any(axis=1))
 
 
 def _scaled(points: NDArray[np.floating]) -> NDArray[np.uint16]:

@@ -47,7 +47,9 @@ def grasp_losses(
 ) -> dict[str, Tensor]:
     """Return the weighted losses of quality and, if there are heads, affordances."""
     quality, affordance = grasp_logits(network, planes, batch)
-    losses = {"quality": config.w_quality * bce(quality, batch.labels)}
+    weight = batch.judged.to(quality.dtype)
+    entropy = bce(quality, batch.labels, weight, reduction="sum")
+    losses = {"quality": config.w_quality * entropy / weight.sum().clamp(min=1.0)}
     if network.config.affordances:
         loss = affordance_loss(affordance, batch.affordances, batch.known)
         losses["affordance"] = config.w_affordance * loss
@@ -137,13 +139,15 @@ class Predictions(NamedTuple):
     Attributes:
         quality: Probability of success, shape (N,).
         labels: 1 = success, shape (N,).
+        judged: Grasps whose label is known, shape (N,).
         affordances: Probability per class, shape (N, A).
         afforded: 0 or 1, shape (N, A); meaningless where not known.
-        known: Grasps whose affordances are known, shape (N,).
+        known: Grasps that hold and whose affordances are known, shape (N,).
     """
 
     quality: NDArray[np.float32]
     labels: NDArray[np.float32]
+    judged: NDArray[np.bool_]
     affordances: NDArray[np.float32]
     afforded: NDArray[np.float32]
     known: NDArray[np.bool_]
@@ -168,7 +172,8 @@ def _predict_entry(network: GraspNetwork, entry: GraspEntry) -> Predictions:
     return Predictions(
         network.probability(quality).numpy(),
         batch.labels.numpy(),
+        batch.judged.numpy(),
         network.affordance_probability(affordance).numpy(),
         batch.affordances.numpy(),
-        batch.known.numpy(),
+        (batch.known & (batch.labels > 0)).numpy(),
     )

@@ -64,7 +64,8 @@ def object_set(name: str) -> ObjectSet:
             URDFs, of bare OBJ/STL meshes, or of PartNet shapes; or the name of such a
             folder inside one of those that the environment variable
             ``NEUGRASP_OBJECTS`` lists. A folder's set is called like its last
-            component.
+            component. ``affordance/knife+scissors`` is the set ``affordance`` with
+            the objects of these categories alone.
 
     Raises:
         UnknownNameError: If it is none of these.
@@ -74,10 +75,9 @@ def object_set(name: str) -> ObjectSet:
         return ObjectSet(
             name, procedural.procedural_names(), procedural.load_procedural
         )
-    if name == affordance.SET_NAME:
-        return ObjectSet(
-            name, affordance.affordance_names(), affordance.load_affordance
-        )
+    set_name, _, categories = name.partition("/")
+    if set_name == affordance.SET_NAME:
+        return _affordance_set(categories.split("+") if categories else ())
     if name == "random_urdfs":
         return _folder_set(_random_urdfs_folder())
     for folder in (Path(name), *_search_folders(name)):
@@ -123,12 +123,33 @@ def part_names(objects: ObjectSet, part: str) -> tuple[str, ...]:
         return objects.names
     if part == HELD_OUT:
         served = objects.name == affordance.SET_NAME
-        names = tuple(affordance.held_out_names()) if served else ()
+        names = _held_out_like(objects.names) if served else ()
     else:
         names = split(objects.names, part)
     if not names:
         raise ConfigError(f"the part {part!r} of {objects.name!r} is empty")
     return names
+
+
+def _affordance_set(categories: Iterable[str]) -> ObjectSet:
+    """Return the affordance objects, of some categories or of all."""
+    wanted = set(categories) or set(affordance.STYLES)
+    unknown = sorted(wanted - set(affordance.STYLES))
+    if unknown:
+        raise UnknownNameError("category", ", ".join(unknown), affordance.STYLES)
+    names = [
+        name
+        for name in affordance.affordance_names()
+        if affordance.parse_name(name).category in wanted
+    ]
+    return ObjectSet(affordance.SET_NAME, names, affordance.load_affordance)
+
+
+def _held_out_like(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the held-out objects of the categories that names are of."""
+    served = {affordance.parse_name(name).category for name in names}
+    held_out = affordance.held_out_names()
+    return tuple(n for n in held_out if affordance.parse_name(n).category in served)
 
 
 def _search_folders(name: str) -> list[Path]:

@@ -33,6 +33,7 @@ def test_words_become_a_plan(calls, capsys):
     args = parse(
         "--out", "d", "--objects", "pile:x,packed:y", "--gripper", "panda",
         "--scenes", "7", "--seed", "4", "--workers", "3", "--split", "tune",
+        "--no-physics",
     )  # fmt: skip
     assert args.run(args) == 0
     plan, folder, kwargs = calls[0]
@@ -43,6 +44,7 @@ def test_words_become_a_plan(calls, capsys):
         4,
         "tune",
     )
+    assert not plan.physics
     assert folder == "d"
     assert (kwargs["n_workers"], kwargs["dask_address"]) == (3, None)
     assert "7/7 scenes" in capsys.readouterr().out

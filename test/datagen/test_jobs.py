@@ -4,6 +4,7 @@ from collections import Counter
 import pytest
 
 from neugrasp_ros.datagen.jobs import RunPlan
+from neugrasp_ros.datagen.labels import WITHOUT_PHYSICS
 from neugrasp_ros.errors import ConfigError
 
 
@@ -54,6 +55,10 @@ def test_done_scenes_are_left_out():
 def test_one_kind_and_one_gripper_can_be_asked_for():
     jobs = plan(kind="pile", gripper="my.yaml").jobs()
     assert {(job.kind, job.gripper) for job in jobs} == {("pile", "my.yaml")}
+
+
+def test_physics_can_be_left_out():
+    assert {job.preset for job in plan(physics=False).jobs()} == {WITHOUT_PHYSICS}
 
 
 def test_a_kind_without_objects_is_refused():

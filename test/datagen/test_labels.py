@@ -6,7 +6,14 @@ import pytest
 from sim_shapes import block_set
 
 from neugrasp_ros.datagen.candidates import CandidateConfig
-from neugrasp_ros.datagen.labels import REASONS, VARIED, SceneJob, label_scene
+from neugrasp_ros.datagen.labels import (
+    NOT_TRIED,
+    REASONS,
+    VARIED,
+    WITHOUT_PHYSICS,
+    SceneJob,
+    label_scene,
+)
 from neugrasp_ros.datagen.shards import GRASP_FIELDS
 from neugrasp_ros.errors import ShapeError
 from neugrasp_ros.geometry.gripper import load_gripper
@@ -62,6 +69,17 @@ def test_what_is_not_tried_collides_and_has_no_outcome(labelled):
     assert np.isfinite(grasps.widths[~left]).all()
     assert (grasps.labels[left] == 0).all()
     assert not (grasps.hits_pregrasp & ~grasps.hits_approach).any()
+
+
+def test_without_physics_the_same_grasps_get_what_geometry_tells(labelled):
+    grasps = label(dataclasses.replace(JOB, preset=WITHOUT_PHYSICS)).grasps
+    np.testing.assert_array_equal(grasps.positions, labelled.grasps.positions)
+    np.testing.assert_array_equal(grasps.hits_grasp, labelled.grasps.hits_grasp)
+    assert not grasps.tried.any() and not grasps.labels.any()
+    np.testing.assert_array_equal(grasps.judged(), ~labelled.grasps.tried)
+    assert labelled.grasps.judged().all()
+    waiting = grasps.reasons == REASONS.index(NOT_TRIED)
+    np.testing.assert_array_equal(waiting, labelled.grasps.tried)
 
 
 def test_the_job_alone_determines_the_labels(labelled):

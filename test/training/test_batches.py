@@ -25,11 +25,11 @@ def test_a_batch_has_its_shapes():
     assert batch.tokens.shape == (15, TOKEN_FEATURES)
     assert batch.labels.shape == (15,)
     assert batch.affordances.shape == (15, len(CLASSES))
-    assert batch.known.shape == (15,)
+    assert batch.known.shape == batch.judged.shape == (15,)
     assert batch.local_points.shape == (3, LOCAL_POINTS_PER_SCENE, 3)
     assert batch.local_occupied.shape == (3, LOCAL_POINTS_PER_SCENE)
     types = {name: tensor.dtype for name, tensor in vars(batch).items()}
-    assert types.pop("known") == torch.bool
+    assert types.pop("known") == types.pop("judged") == torch.bool
     assert set(types.values()) == {torch.float32}
 
 

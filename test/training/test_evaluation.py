@@ -20,6 +20,7 @@ def view_of(index: int, *, gripper: str = "panda", known: bool = True) -> ViewSc
     scores = Predictions(
         labels * 0.5 + rng.random(4).astype(np.float32) * 0.49,
         labels,
+        labels >= 0,
         np.array([[0.1, 0.9], [0.2, 0.3], [0, 0], [0, 0]], dtype=np.float32),
         np.array([[0, 1], [0, 0], [0, 0], [0, 0]], dtype=np.float32),
         (labels > 0) & known,

@@ -18,6 +18,7 @@ def scores_of(quality, labels, affordances=None, afforded=None) -> Predictions:
     return Predictions(
         np.array(quality, dtype=np.float32),
         np.array(labels, dtype=np.float32),
+        np.array(labels) >= 0,
         np.array(nothing if affordances is None else affordances, dtype=np.float32),
         np.array(nothing if afforded is None else afforded, dtype=np.float32),
         np.array(labels) > 0,

@@ -95,13 +95,15 @@ def afford(labels, column=5):
     return replace(labels, grasps=replace(labels.grasps, affordances=affordances))
 
 
-def test_affordances_are_known_of_grasps_that_hold():
+def test_affordances_are_known_of_grasps_that_hold_or_have_a_part_between_the_jaws():
     labels = afford(labels_of(TOP, SIDE, TOP))
     assert labels.grasps.labels.tolist() == [0, 1, 0]
-    assert known_affordances(labels).tolist() == [False, True, False]
+    labels.grasps.affordances[:2] = 0
+    assert known_affordances(labels).tolist() == [False, True, True]
     targets = affordance_targets(labels)
-    assert targets[1].tolist() == [0, 0, 0, 0, 0, 1, 0]
-    assert (targets[[0, 2]] == NOT_KNOWN).all()
+    assert (targets[0] == NOT_KNOWN).all()
+    assert targets[1].tolist() == [0, 0, 0, 0, 0, 0, 0]
+    assert targets[2].tolist() == [0, 0, 0, 0, 0, 1, 0]
 
 
 def test_a_scene_without_a_labelled_object_says_nothing():
@@ -116,6 +118,7 @@ def test_a_scene_without_a_labelled_object_says_nothing():
 def test_an_entry_keeps_affordances_and_poses_with_their_grasps(network):
     rng = np.random.default_rng(0)
     labels = afford(labels_of(ASTRAY, SIDE, TOP))
+    labels.grasps.affordances[2] = 0
     entry = view_grasps(labels, network, rng, views=FROM_ABOVE)
     assert entry.affordances[:, 5].tolist() == [1, NOT_KNOWN]
     np.testing.assert_allclose(entry.poses, [SIDE, TOP], atol=1e-6)

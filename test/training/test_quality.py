@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 from grasp_entries import CLASSES, NETWORK, SIZE, grasp_entry
+from torch.nn.functional import binary_cross_entropy_with_logits
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.model import GraspNetwork
@@ -12,7 +13,13 @@ from neugrasp_ros.training.batches import GraspCache
 from neugrasp_ros.training.grasps import save_grasps
 from neugrasp_ros.training.loop import optimise
 from neugrasp_ros.training.metrics import average_precision, roc_auc
-from neugrasp_ros.training.quality import JointStage, QualityStage, predict
+from neugrasp_ros.training.quality import (
+    JointStage,
+    QualityStage,
+    grasp_logits,
+    grasp_losses,
+    predict,
+)
 
 CONFIG = TrainConfig(
     stage="quality",
@@ -49,6 +56,21 @@ def test_the_detector_alone_overfits_and_the_scene_stays(cache, network, tmp_pat
     assert scores.affordances[:, 2].max() < 0.5
     for key, value in network.scene.state_dict().items():
         assert torch.equal(value, before[key]), key
+
+
+def test_grasps_that_were_not_judged_leave_the_quality_alone(cache, network):
+    network.eval()  # dropout would make the two calls differ
+    stage = QualityStage(network, cache, CONFIG)
+    chosen, batch = stage.draw(0)
+    planes = network.scene.encode(batch.volumes)
+    rows = torch.arange(len(batch.labels)) % 3 > 0
+    part = replace(batch, judged=rows, labels=batch.labels.where(rows, 1.0))
+    logits, _ = grasp_logits(network, planes, batch)
+    expected = binary_cross_entropy_with_logits(logits[rows], batch.labels[rows])
+    loss = grasp_losses(network, planes, part, CONFIG)["quality"]
+    torch.testing.assert_close(loss, CONFIG.w_quality * expected)
+    nobody = replace(batch, judged=torch.zeros_like(rows))
+    assert grasp_losses(network, planes, nobody, CONFIG)["quality"] == 0.0
 
 
 def test_without_heads_there_is_no_affordance_loss(cache):

@@ -104,6 +104,17 @@ def test_set_sorts_its_names_and_loads_each_once():
     assert loaded == ["b"]
 
 
+def test_affordance_set_of_some_categories_keeps_its_name_and_only_these():
+    objects = object_set("affordance/knife+mug")
+    assert objects.name == "affordance"
+    assert {name.partition("/")[0] for name in objects.names} == {"knife", "mug"}
+    held_out = part_names(objects, HELD_OUT)
+    assert {name.partition("/")[0] for name in held_out} == {"knife", "mug"}
+    assert set(held_out) < set(part_names(object_set("affordance"), HELD_OUT))
+    with pytest.raises(UnknownNameError, match="unknown category 'fork'; known: bag"):
+        object_set("affordance/fork")
+
+
 def test_held_out_objects_are_those_never_learned_from():
     names = part_names(object_set("affordance"), HELD_OUT)
     assert names and all(is_held_out(name) for name in names)
