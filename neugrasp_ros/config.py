@@ -96,6 +96,9 @@ class NetworkConfig(Checked):
     pointnet_width: int = option(64, "Width of the first PointNet layer", 8, 512)
     pointnet_out: int = option(256, "Width of the pooled PointNet feature", 16, 2048)
     affordances: tuple[str, ...] = option((), "Affordance classes that have a head")
+    part_head: bool = option(
+        False, "Learn also what the part at every surface point affords"
+    )
 
 
 CPU_NETWORK = NetworkConfig()
@@ -189,6 +192,9 @@ class TrainConfig(Checked):
     w_local: float = option(1.0, "Weight of the local occupancy loss", 0.0, 100.0)
     w_affordance: float = option(
         0.15, "Weight of the affordance loss, a sum over the classes", 0.0, 100.0
+    )
+    w_parts: float = option(
+        1.0, "Weight of the loss of what the part at a point affords", 0.0, 100.0
     )
     seed: int = option(0, "Seed of every random choice", 0, 2**31 - 1)
     checkpoint_seconds: float = option(

@@ -25,6 +25,10 @@ FORMAT = "neugrasp-1"
 class GraspNetwork(nn.Module):
     """Scene network and detector, trained jointly.
 
+    The part head says of a surface point what holding its part affords. It is there to
+    teach the shared planes what things are: points are labelled by the million, grasps
+    by the thousand.
+
     Args:
         config: The network's shape.
 
@@ -44,6 +48,8 @@ class GraspNetwork(nn.Module):
         if config.affordances:
             same = torch.tensor([1.0, 0.0]).repeat(len(config.affordances), 1)
             self.register_buffer("affordance_calibration", same)
+        if config.part_head:
+            self.parts = nn.Linear(3 * config.channels, len(config.affordances))
 
     def probability(self, quality_logits: Tensor) -> Tensor:
         """Turn quality logits into calibrated probabilities (Platt scaling)."""

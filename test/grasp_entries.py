@@ -2,6 +2,7 @@
 """Grasp entries that can be learned in seconds."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
@@ -53,4 +54,13 @@ def grasp_entry(seed: int, count: int = 12) -> GraspEntry:
         np.tile(np.eye(4, dtype=np.float32), (count, 1, 1)),
         local,
         local[:, 2] < POINT_SCALE / 2,
+        local_classes(local),
     )
+
+
+def local_classes(local: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """The first class below the middle, the second above; unknown at the rim."""
+    low = local[:, 0] < POINT_SCALE / 2
+    classes = np.stack([low, ~low, np.zeros(len(low))], axis=1).astype(np.uint8)
+    classes[local[:, 1] > 0.9 * POINT_SCALE] = NOT_KNOWN
+    return classes

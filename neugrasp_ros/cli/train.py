@@ -74,7 +74,10 @@ def run(args: argparse.Namespace) -> int:
             folder=args.out,
             weights=args.weights or args.out / "neugrasp.safetensors",
             network=replace(
-                network, affordances=AFFORDANCE_NAMES, local_view=args.local_view
+                network,
+                affordances=AFFORDANCE_NAMES,
+                part_head=True,
+                local_view=args.local_view,
             ),
             stages=_stages(args),
             workers=args.workers,

@@ -56,6 +56,8 @@ class GraspBatch:
         known: Grasps whose affordances are known, shape (B * K,).
         local_points: In units of the edge, shape (B, M, 3).
         local_occupied: Shape (B, M).
+        local_classes: 0 or 1, shape (B, M, A); 0 where not known.
+        local_known: Points whose classes are known, shape (B, M).
     """
 
     volumes: Tensor
@@ -68,6 +70,8 @@ class GraspBatch:
     known: Tensor
     local_points: Tensor
     local_occupied: Tensor
+    local_classes: Tensor
+    local_known: Tensor
 
 
 def make_batch(
@@ -141,6 +145,8 @@ def _stack(
     targets = np.concatenate([entry.affordances[some] for entry, some in pairs])
     known = (targets != NOT_KNOWN).all(axis=1)
     local = list(zip(entries, local_rows, strict=True))
+    classes = np.stack([e.local_classes[some] for e, some in local])
+    classes_known = (classes != NOT_KNOWN).all(axis=2)
     volumes = [volume_channels(dequantise(entry.volume)) for entry in entries]
     return GraspBatch(
         torch.from_numpy(np.stack(volumes)),
@@ -153,6 +159,8 @@ def _stack(
         torch.from_numpy(known),
         _floats(np.stack([e.local_points[some] / POINT_SCALE for e, some in local])),
         _floats(np.stack([e.local_occupied[some] for e, some in local])),
+        _floats(np.where(classes_known[..., None], classes, 0)),
+        torch.from_numpy(classes_known),
     )
 
 

@@ -37,9 +37,13 @@ from neugrasp_ros.training.views import (
     table_scene,
 )
 from sim_bridge.objects.affordance import SET_NAME as AFFORDANCE_SET
+from sim_bridge.objects.affordances import AFFORDANCES
+from sim_bridge.objects.grasp_labels import nearest_classes, scene_class_points
+from sim_bridge.scene import Scene, placed_model
 
 LOCAL_NOISE = 0.003  # [m], spread of the points of the local occupancy loss
 NOT_KNOWN = 255  # of an affordance
+PART_REACH = 0.008  # [m], how far from a part a point may be and still be its
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,8 @@ class GraspEntry:
         poses: Poses ``T_task_gripper``, shape (G, 4, 4).
         local_points: Points near the local surfaces, scaled like ``points``, (M, 3).
         local_occupied: Whether they are inside an object, shape (M,).
+        local_classes: What the nearest part affords: 1, 0, or ``NOT_KNOWN`` where no
+            labelled part is near, shape (M, A).
     """
 
     volume: NDArray[np.int8]
@@ -71,6 +77,7 @@ class GraspEntry:
     poses: NDArray[np.float32]
     local_points: NDArray[np.uint16]
     local_occupied: NDArray[np.bool_]
+    local_classes: NDArray[np.uint8]
 
 
 @torch.no_grad()
@@ -145,7 +152,32 @@ def _entry(
         labels.grasps.poses()[kept].astype(np.float32),
         _scaled(local),
         truth.contains(local.astype(np.float64)),
+        part_targets(labels.scene, local.astype(np.float64), rng),
     )
+
+
+def part_targets(
+    scene: Scene, points_task: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Return what the part at each point affords, shape (N, A).
+
+    Args:
+        scene: The recipe.
+        points_task: In [m], shape (N, 3).
+        rng: Source of randomness.
+
+    Returns:
+        1, 0, or ``NOT_KNOWN`` where no labelled part is within ``PART_REACH``.
+    """
+    if not any(item.set_name == AFFORDANCE_SET for item in scene.objects):
+        return np.full((len(points_task), len(AFFORDANCES)), NOT_KNOWN, dtype=np.uint8)
+    surface = scene_class_points(
+        [placed_model(item) for item in scene.objects],
+        [item.T_task_object for item in scene.objects],
+        rng,
+    )
+    classes, near = nearest_classes(surface, points_task, PART_REACH)
+    return np.where(near[:, None], classes.astype(np.uint8), np.uint8(NOT_KNOWN))
 
 
 def affordance_targets(labels: SceneLabels) -> NDArray[np.uint8]:

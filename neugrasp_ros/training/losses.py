@@ -8,6 +8,21 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 EPSILON = 1e-6
 
 
+def known_entropy(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
+    """Return the mean cross entropy over what is known; 0 if nothing is.
+
+    Args:
+        logits: Shape (..., A), or that of ``known``.
+        targets: 0 or 1, of the same shape.
+        known: Which rows count, shape (...).
+    """
+    weight = known.to(logits.dtype)
+    if logits.dim() > known.dim():
+        weight = weight[..., None].expand_as(logits)
+    total = binary_cross_entropy_with_logits(logits, targets, weight, reduction="sum")
+    return total / weight.sum().clamp(min=1.0)
+
+
 def affordance_loss(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
     """Return cross entropy plus dice, summed over the classes (method sheet, e).
 

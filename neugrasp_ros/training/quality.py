@@ -20,7 +20,7 @@ from neugrasp_ros.training.batches import (
 )
 from neugrasp_ros.training.device import device_of, moved
 from neugrasp_ros.training.grasps import GraspEntry
-from neugrasp_ros.training.losses import affordance_loss
+from neugrasp_ros.training.losses import affordance_loss, known_entropy
 from neugrasp_ros.training.occupancy import OccupancyStage
 
 
@@ -47,9 +47,8 @@ def grasp_losses(
 ) -> dict[str, Tensor]:
     """Return the weighted losses of quality and, if there are heads, affordances."""
     quality, affordance = grasp_logits(network, planes, batch)
-    weight = batch.judged.to(quality.dtype)
-    entropy = bce(quality, batch.labels, weight, reduction="sum")
-    losses = {"quality": config.w_quality * entropy / weight.sum().clamp(min=1.0)}
+    entropy = known_entropy(quality, batch.labels, batch.judged)
+    losses = {"quality": config.w_quality * entropy}
     if network.config.affordances:
         loss = affordance_loss(affordance, batch.affordances, batch.known)
         losses["affordance"] = config.w_affordance * loss
@@ -125,12 +124,24 @@ class JointStage(QualityStage):
         """Return the losses of a step."""
         _, batch = self.draw(step)
         planes = self.network.scene.encode(batch.volumes)
-        local = self.network.scene.occupancy(planes, batch.local_points)
         return {
             **grasp_losses(self.network, planes, batch, self.config),
-            "local": self.config.w_local * bce(local, batch.local_occupied),
+            **self._local_losses(planes, batch),
             **self._occupancy(step),
         }
+
+    def _local_losses(self, planes: Tensor, batch: GraspBatch) -> dict[str, Tensor]:
+        """Return the losses at points near the local surfaces."""
+        scene, config = self.network.scene, self.config
+        features = scene.features(planes, batch.local_points)
+        local = scene.decoder(batch.local_points, features)
+        losses = {"local": config.w_local * bce(local, batch.local_occupied)}
+        if self.network.config.part_head:
+            loss = known_entropy(
+                self.network.parts(features), batch.local_classes, batch.local_known
+            )
+            losses["parts"] = config.w_parts * loss
+        return losses
 
 
 class Predictions(NamedTuple):

@@ -144,7 +144,7 @@ def _new_network(run: TrainingRun, scenes: Sequence[SceneLabels]) -> GraspNetwor
     known = sum(int(known_affordances(labels).sum()) for labels in scenes)
     if config.affordances and not known:
         LOGGER.info("no scene has affordance labels: the heads are left out")
-        config = replace(config, affordances=())
+        config = replace(config, affordances=(), part_head=False)
     network = GraspNetwork(config)
     if run.start is not None:
         fresh = warm_start(network, run.start)

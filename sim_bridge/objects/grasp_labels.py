@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from neugrasp_ros.geometry.transform import apply, invert
 from sim_bridge.objects.affordances import (
@@ -41,6 +42,51 @@ def class_points(model: ObjectModel, rng: np.random.Generator) -> PointLabels:
     return PointLabels(surface.points, matrix[surface.part_index])
 
 
+def scene_class_points(
+    models: Sequence[ObjectModel],
+    T_task_objects: Sequence[FloatArray],
+    rng: np.random.Generator,
+) -> PointLabels:
+    """Draw labelled surface points of all objects of a scene, in the task frame.
+
+    Args:
+        models: The objects, at their scale.
+        T_task_objects: Where they are, each (4, 4).
+        rng: Source of randomness.
+    """
+    drawn = [class_points(model, rng) for model in models]
+    points = np.concatenate(
+        [np.zeros((0, 3))]
+        + [apply(T, d.points) for T, d in zip(T_task_objects, drawn, strict=True)]
+    )
+    classes = np.concatenate(
+        [np.zeros((0, len(AFFORDANCES)), dtype=bool)] + [d.classes for d in drawn]
+    )
+    return PointLabels(points, classes)
+
+
+def nearest_classes(
+    surface: PointLabels, points: FloatArray, distance: float
+) -> tuple[BoolArray, BoolArray]:
+    """Return what the parts nearest to some points afford.
+
+    Args:
+        surface: Labelled surface points.
+        points: In the same frame in [m], shape (N, 3).
+        distance: How far away a part may be in [m].
+
+    Returns:
+        The classes (N, 7), and which points have a labelled part so near (N,).
+    """
+    if not len(surface.points):
+        none = np.zeros((len(points), len(AFFORDANCES)), dtype=bool)
+        return none, np.zeros(len(points), dtype=bool)
+    _, index = cKDTree(surface.points).query(points, distance_upper_bound=distance)
+    near = index < len(surface.points)
+    classes = surface.classes[np.where(near, index, 0)] & near[:, None]
+    return classes, np.asarray(classes.any(axis=1))
+
+
 def label_grasps(
     models: Sequence[ObjectModel],
     T_task_objects: Sequence[FloatArray],
@@ -62,14 +108,7 @@ def label_grasps(
     Returns:
         Which classes each grasp affords, shape (G, 7).
     """
-    drawn = [class_points(model, rng) for model in models]
-    points = np.concatenate(
-        [np.zeros((0, 3))]
-        + [apply(T, d.points) for T, d in zip(T_task_objects, drawn, strict=True)]
-    )
-    classes = np.concatenate(
-        [np.zeros((0, len(AFFORDANCES)), dtype=bool)] + [d.classes for d in drawn]
-    )
+    points, classes = scene_class_points(models, T_task_objects, rng)
     labels = np.zeros((len(T_task_grippers), len(AFFORDANCES)), dtype=bool)
     for row, T_task_gripper in enumerate(T_task_grippers):
         near = (np.abs(points - T_task_gripper[:3, 3]) < REACH).all(axis=1)

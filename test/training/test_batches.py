@@ -28,8 +28,13 @@ def test_a_batch_has_its_shapes():
     assert batch.known.shape == batch.judged.shape == (15,)
     assert batch.local_points.shape == (3, LOCAL_POINTS_PER_SCENE, 3)
     assert batch.local_occupied.shape == (3, LOCAL_POINTS_PER_SCENE)
+    assert batch.local_classes.shape == (3, LOCAL_POINTS_PER_SCENE, len(CLASSES))
+    assert batch.local_known.shape == (3, LOCAL_POINTS_PER_SCENE)
+    assert 0.8 < batch.local_known.float().mean() < 1.0
+    assert (batch.local_classes.sum(dim=2) == batch.local_known).all()
     types = {name: tensor.dtype for name, tensor in vars(batch).items()}
-    assert types.pop("known") == types.pop("judged") == torch.bool
+    for name in ("known", "judged", "local_known"):
+        assert types.pop(name) == torch.bool
     assert set(types.values()) == {torch.float32}
 
 

@@ -20,11 +20,13 @@ from neugrasp_ros.training.grasps import (
     cache_grasps,
     known_affordances,
     load_grasps,
+    part_targets,
     save_grasps,
     view_grasps,
 )
 from neugrasp_ros.training.views import EDGE, ViewRange
-from sim_bridge.scene import SceneMeshes
+from sim_bridge.objects.grasp_labels import scene_class_points
+from sim_bridge.scene import PlacedObject, Scene, SceneMeshes, placed_model
 
 HALF = np.full(3, 0.025)
 FROM_ABOVE = ViewRange(polar=(0.2, 0.4), noise=(1.0, 0.0, 0.0))
@@ -122,6 +124,19 @@ def test_an_entry_keeps_affordances_and_poses_with_their_grasps(network):
     entry = view_grasps(labels, network, rng, views=FROM_ABOVE)
     assert entry.affordances[:, 5].tolist() == [1, NOT_KNOWN]
     np.testing.assert_allclose(entry.poses, [SIDE, TOP], atol=1e-6)
+
+
+def test_points_learn_what_the_part_beside_them_affords():
+    rng = np.random.default_rng(0)
+    knife = PlacedObject("affordance", "knife/chef/000002", 1.0, translation(*CENTER))
+    scene = Scene("pile", 0, (knife,))
+    surface = scene_class_points([placed_model(knife)], [translation(*CENTER)], rng)
+    targets = part_targets(scene, surface.points + [0.0, 0.0, 0.001], rng)
+    same = (targets == surface.classes).all(axis=1)
+    assert same.mean() > 0.9
+    assert (part_targets(scene, surface.points + 0.2, rng) == NOT_KNOWN).all()
+    other = Scene("pile", 0, (replace(knife, set_name="procedural"),))
+    assert (part_targets(other, surface.points, rng) == NOT_KNOWN).all()
 
 
 def test_no_grasp_at_a_surface_means_no_entry(network):

@@ -2,8 +2,9 @@
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import binary_cross_entropy_with_logits
 
-from neugrasp_ros.training.losses import affordance_loss
+from neugrasp_ros.training.losses import affordance_loss, known_entropy
 
 TARGETS = torch.tensor([[1.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 ALL = torch.ones(4, dtype=torch.bool)
@@ -41,6 +42,19 @@ def test_what_is_not_known_counts_in_neither_term():
     wild = logits.clone()
     wild[1] = torch.tensor([50.0, -50.0])
     torch.testing.assert_close(affordance_loss(wild, TARGETS, known), loss)
+
+
+def test_entropy_counts_rows_that_are_known():
+    known = torch.tensor([True, False, True, True])
+    logits = torch.randn(
+        4, TARGETS.shape[1], generator=torch.Generator().manual_seed(1)
+    )
+    expected = binary_cross_entropy_with_logits(logits[known], TARGETS[known])
+    torch.testing.assert_close(known_entropy(logits, TARGETS, known), expected)
+    column = known_entropy(logits[:, 0], TARGETS[:, 0], known)
+    expected = binary_cross_entropy_with_logits(logits[known, 0], TARGETS[known, 0])
+    torch.testing.assert_close(column, expected)
+    assert known_entropy(logits, TARGETS, known & False) == 0.0
 
 
 def test_nothing_known_costs_nothing_and_pulls_nowhere():

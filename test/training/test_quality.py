@@ -105,6 +105,20 @@ def test_a_joint_step_trains_everything_and_weighs_its_losses(cache, network):
     assert again["local"] == 0.0
 
 
+def test_the_part_head_learns_at_points_in_the_joint_stage_alone(cache):
+    network = GraspNetwork(replace(NETWORK, part_head=True)).eval()
+    assert "parts" not in QualityStage(network, cache, CONFIG)(3)
+    stage = JointStage(network, cache, CONFIG, scene_loss_of(network, []))
+    losses = stage(3)
+    losses["parts"].backward()
+    reached = {n for n, p in network.named_parameters() if p.grad is not None}
+    assert {"parts.weight", "parts.bias"} < reached
+    assert all(n.startswith(("parts.", "scene.encoder.")) for n in reached)
+    weighted = replace(CONFIG, w_parts=0.0)
+    again = JointStage(network, cache, weighted, scene_loss_of(network, []))(3)
+    assert again["parts"] == 0.0 < losses["parts"]
+
+
 def test_predictions_are_calibrated_probabilities_with_their_labels(cache, network):
     scores = predict(network.eval(), cache.entries)
     assert scores.quality.shape == scores.labels.shape == (48,)

@@ -6,7 +6,13 @@ import pytest
 
 from neugrasp_ros.geometry.transform import translation
 from sim_bridge.objects.affordances import AFFORDANCE_NAMES
-from sim_bridge.objects.grasp_labels import DENSITY, class_points, label_grasps
+from sim_bridge.objects.grasp_labels import (
+    DENSITY,
+    class_points,
+    label_grasps,
+    nearest_classes,
+    scene_class_points,
+)
 from sim_bridge.objects.model import PointLabels
 from sim_bridge.objects.shapes.assembly import Shape, assemble
 from sim_bridge.objects.shapes.building import box
@@ -33,6 +39,19 @@ def test_points_are_as_dense_as_promised_and_carry_their_parts_classes(knife):
     assert len(points) == pytest.approx(DENSITY * area, rel=0.05)
     assert (classes[points[:, 0] > 1e-6, 0]).all()
     assert not classes[points[:, 0] < -1e-6, 0].any()
+
+
+def test_points_take_the_classes_of_the_part_beside_them(knife):
+    surface = scene_class_points(
+        [knife], [translation(0.1, 0.1, 0)], np.random.default_rng(0)
+    )
+    points = np.array([[0.15, 0.1, 0.005], [0.05, 0.1, 0.01], [0.15, 0.1, 0.05]])
+    classes, near = nearest_classes(surface, points, 0.008)
+    assert near.tolist() == [True, True, False]
+    assert [names_of(row) for row in classes] == [{"handover"}, {"cut", "stab"}, set()]
+    nothing = scene_class_points([], [], np.random.default_rng(0))
+    classes, near = nearest_classes(nothing, points, 0.008)
+    assert not classes.any() and not near.any()
 
 
 def test_grasps_are_labelled_by_where_they_hold(knife):
