@@ -302,7 +302,7 @@ def test_the_networks_get_the_configured_threads_only_while_they_work(weights):
 def test_the_reference_finds_the_same_surface_and_scores(weights, fresh):
     reference = planner_of(weights, renderer="reference")
     fast, slow = (p.encode(seen_volume(), revision=1) for p in (fresh, reference))
-    assert slow.queries == SIZE**3
+    assert slow.queries == (2 * SIZE) ** 3
     truth = reference.render(slow)
     off = np.abs(np.abs(truth.points - CENTER).sum(axis=1) - RADIUS)
     assert len(truth.points) > 30

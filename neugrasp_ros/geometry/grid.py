@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import ShapeError
+from neugrasp_ros.geometry.grid_skips import GAP_CELL, inside_gaps, occupied_blocks
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -28,10 +29,13 @@ class ScalarGrid:
     Attributes:
         values: Samples, shape (X, Y, Z).
         spacing: Distance of neighbouring samples in [m].
+        normal_reach: How far to both sides normals compare values in [m]; 0 = as far
+            as the next sample.
     """
 
     values: Float32Array
     spacing: float
+    normal_reach: float = 0.0
 
     def __post_init__(self) -> None:
         """Make the samples contiguous.
@@ -46,13 +50,18 @@ class ScalarGrid:
         object.__setattr__(self, "values", values)
 
     @property
+    def reach(self) -> float:
+        """Half the distance over which normals compare values in [m]."""
+        return self.normal_reach or self.spacing
+
+    @property
     def size(self) -> FloatArray:
         """Edge lengths in [m], shape (3,)."""
         return np.array(self.values.shape) * self.spacing
 
     @cached_property
     def gaps(self) -> NDArray[np.uint8]:
-        """How far the inside is from each cell in [cell], see ``inside_gaps``."""
+        """How far the inside is from each cell, see ``inside_gaps``."""
         return inside_gaps(self.values)
 
     @cached_property
@@ -70,12 +79,12 @@ class ScalarGrid:
     def normals(self, points: FloatArray) -> FloatArray:
         """Return outward unit normals at points (N, 3): the negative gradient.
 
-        Central differences over two grid spacings; where the field is flat the
-        normal is zero.
+        Central differences over twice ``reach``; where the field is flat the normal is
+        zero.
         """
         points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
         out = np.empty((len(points), 3))
-        _normals(self.values, 1.0 / self.spacing, points, out)
+        _normals(self.values, 1.0 / self.spacing, self.reach, points, out)
         return out
 
 
@@ -149,67 +158,7 @@ def run_in_parts(run: Callable[[slice], None], count: int, threads: int) -> None
     list(_pool(threads).map(run, parts))
 
 
-GAP_LIMIT = 12  # [cell]; a ray leaps no further at once
-
 MISS = -1.0  # what kernels say of a ray that meets nothing: fast maths knows no NaN
-
-BLOCK = 4  # [voxel], edge of the blocks that tell where the inside is near
-
-
-def inside_gaps(values: Float32Array) -> NDArray[np.uint8]:
-    """Tell how far each cell is from the nearest one that touches the inside.
-
-    Cell (i, j, k) lies between samples (i, j, k) and (i + 1, j + 1, k + 1); it touches
-    the inside if one of its corners is positive. From anywhere in a cell of gap g a ray
-    may leap g - 1 grid spacings, whatever its direction.
-
-    Args:
-        values: Samples, shape (X, Y, Z).
-
-    Returns:
-        Largest coordinate difference to such a cell in [cell], at most ``GAP_LIMIT``,
-        shape (X, Y, Z).
-    """
-    touched = values > 0
-    for axis in range(3):
-        low, high = _shifted(touched, axis)
-        low |= high.copy()
-    gaps = np.zeros(values.shape, dtype=np.uint8)
-    for _ in range(GAP_LIMIT):
-        gaps += ~touched
-        for axis in range(3):
-            before = touched.copy()
-            low, high = _shifted(touched, axis)
-            was_low, was_high = _shifted(before, axis)
-            low |= was_high
-            high |= was_low
-    return gaps
-
-
-def _shifted(
-    grid: NDArray[np.bool_], axis: int
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return views of all but the last, and all but the first, along an axis."""
-    first = [slice(None)] * 3
-    last = [slice(None)] * 3
-    first[axis], last[axis] = slice(None, -1), slice(1, None)
-    return grid[tuple(first)], grid[tuple(last)]
-
-
-def occupied_blocks(values: Float32Array) -> NDArray[np.bool_]:
-    """Tell which blocks of voxels, or their neighbours, hold an inside value."""
-    shape = tuple(-(-n // BLOCK) for n in values.shape)
-    padded = np.zeros(tuple(n * BLOCK for n in shape), dtype=bool)
-    x, y, z = values.shape
-    padded[:x, :y, :z] = values > 0
-    a, b, c = shape
-    coarse = padded.reshape(a, BLOCK, b, BLOCK, c, BLOCK).any(axis=(1, 3, 5))
-    grown = np.zeros((a + 2, b + 2, c + 2), dtype=bool)
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                grown[i : i + a, j : j + b, k : k + c] |= coarse
-    return np.ascontiguousarray(grown[1:-1, 1:-1, 1:-1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
@@ -235,9 +184,10 @@ def _sample_many(values, inverse, points, out):  # type: ignore[no-untyped-def] 
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def normal_one(values, inverse, x, y, z, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def normal_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
+    values, inverse, h, x, y, z, out
+):  # pragma: no cover
     """Write the outward unit normal at one point; a kernel's building block."""
-    h = 1.0 / inverse
     gx = sample_one(values, inverse, x - h, y, z) - sample_one(
         values, inverse, x + h, y, z
     )
@@ -252,9 +202,10 @@ def normal_one(values, inverse, x, y, z, out):  # type: ignore[no-untyped-def]  
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _normals(values, inverse, points, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _normals(values, inverse, h, points, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     for n in range(len(points)):
-        normal_one(values, inverse, points[n, 0], points[n, 1], points[n, 2], out[n])
+        x, y, z = points[n]
+        normal_one(values, inverse, h, x, y, z, out[n])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -284,14 +235,14 @@ def march_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
     if sample_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz) > 0:
         return MISS
     nx, ny, nz = values.shape
-    spacing = 1.0 / inverse
+    cell = GAP_CELL / inverse
     while t < end:
         i = min(max(int((ox + t * dx) * inverse - 0.5), 0), nx - 1)
         j = min(max(int((oy + t * dy) * inverse - 0.5), 0), ny - 1)
         k = min(max(int((oz + t * dz) * inverse - 0.5), 0), nz - 1)
-        gap = gaps[i, j, k]
+        gap = gaps[i // GAP_CELL, j // GAP_CELL, k // GAP_CELL]
         if gap > 1:
-            t += (gap - 1) * spacing
+            t += (gap - 1) * cell
             continue
         ahead = min(t + step, end)
         x, y, z = ox + ahead * dx, oy + ahead * dy, oz + ahead * dz

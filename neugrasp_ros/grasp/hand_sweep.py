@@ -12,12 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from neugrasp_ros.geometry.grid import (
-    BLOCK,
-    ScalarGrid,
-    run_in_parts,
-    sample_one,
-)
+from neugrasp_ros.geometry.grid import ScalarGrid, run_in_parts, sample_one
+from neugrasp_ros.geometry.grid_skips import BLOCK
 from neugrasp_ros.geometry.gripper import Gripper
 
 FloatArray = NDArray[np.float64]

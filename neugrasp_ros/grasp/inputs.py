@@ -143,8 +143,8 @@ def assemble_inputs(  # noqa: PLR0913 (each is a setting of its own stage)
     A grasp and its twin, turned half about the approach, give the same inputs.
 
     Args:
-        field: Occupancy logits on the volume's grid.
-        distances: The volume's distances, NaN = never observed, on the same grid.
+        field: Occupancy logits over the volume.
+        distances: The volume's distances, NaN = never observed, shape (X, Y, Z).
         T_task_grippers: Grasp poses, shape (G, 4, 4).
         widths: Jaw openings in [m], shape (G,).
         gripper: The gripper.
@@ -173,7 +173,8 @@ def assemble_inputs(  # noqa: PLR0913 (each is a setting of its own stage)
         field, poses, widths, gripper, support_height=support_height, threads=threads
     )
     points_task = apply(poses, views.points.astype(np.float64))
-    observed = observed_at(distances, points_task, field.spacing)
+    voxel = float(field.size[0]) / distances.shape[0]
+    observed = observed_at(distances, points_task, voxel)
     features = np.concatenate(
         [
             views.points / LENGTH,
@@ -234,3 +235,42 @@ def mirror_inputs(inputs: LocalInputs) -> LocalInputs:
     left = 4 + len(STATIONS)
     tokens[:, [left, left + 1]] = tokens[:, [left + 1, left]]
     return inputs._replace(point_features=features, tokens=tokens)
+
+
+def perturbed(
+    inputs: LocalInputs,
+    rng: np.random.Generator,
+    *,
+    dropped: float = 0.25,
+    jitter: float = 0.0005,
+) -> LocalInputs:
+    """Take some surface points from each grasp and move the others a little.
+
+    For augmentation: which rays just meet something is chance, and a score should not
+    hang on it. What is read at ``points_task`` and the distances to the hand stay.
+
+    Args:
+        inputs: As of ``assemble_inputs``: where there are too few distinct points they
+            repeat in their order.
+        rng: Source of randomness.
+        dropped: Greatest share of the distinct points that a grasp loses.
+        jitter: Standard deviation of the points' movement along each axis in [m].
+    """
+    points, features = inputs.points_task.copy(), inputs.point_features.copy()
+    rows = np.arange(points.shape[1])
+    for g, count in enumerate(distinct_counts(points)):
+        kept = np.flatnonzero(rng.random(count) >= rng.uniform(0, dropped))
+        if not len(kept):
+            continue
+        chosen = kept[rows % len(kept)]
+        moved = rng.normal(0, jitter / LENGTH, (count, 3)).astype(np.float32)
+        points[g], features[g] = points[g, chosen], features[g, chosen]
+        features[g, :, :3] += moved[chosen]
+    return inputs._replace(points_task=points, point_features=features)
+
+
+def distinct_counts(points: NDArray[np.floating]) -> NDArray[np.int64]:
+    """Count the points of each grasp (G, P, 3) before they repeat, at least 1, (G,)."""
+    again = (points == points[:, :1]).all(axis=2)
+    again = np.pad(again[:, 1:], ((0, 0), (0, 1)), constant_values=True)
+    return np.asarray(again.argmax(axis=1) + 1)

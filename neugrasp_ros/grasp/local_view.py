@@ -145,6 +145,7 @@ def render_local_views(
             field.values,
             gaps,
             1.0 / field.spacing,
+            field.reach,
             poses[part],
             origins,
             directions,
@@ -161,7 +162,7 @@ def render_local_views(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
-    values, gaps, inverse, poses, origins, directions, low, high,
+    values, gaps, inverse, reach, poses, origins, directions, low, high,
     points, normals, hits,
 ):  # fmt: skip  # pragma: no cover - compiled
     n_points = points.shape[1]
@@ -196,7 +197,8 @@ def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
             points[g, count, 0] = a + t * p
             points[g, count, 1] = b + t * q
             points[g, count, 2] = c + t * s
-            normal_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz, normal)
+            x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+            normal_one(values, inverse, reach, x, y, z, normal)
             for axis in range(3):
                 normals[g, count, axis] = (
                     T[0, axis] * normal[0]

@@ -34,6 +34,10 @@ NORMAL_REACH = 0.0046875  # [m], a voxel, as the fast path's
 class LocalScene(Protocol):
     """What is asked about the scene, point by point, in the task frame in [m]."""
 
+    @property
+    def edge(self) -> float:
+        """Edge of the cube that is known in [m]."""
+
     def __call__(self, points: FloatArray) -> Float32Array:
         """Return probabilities (N,) of being occupied at points (N, 3)."""
 
@@ -110,7 +114,10 @@ def _surface(
     rays: tuple[FloatArray, FloatArray],
     crop: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
-    """Return what each ray meets, in the gripper frame (R, 3); NaN = nothing kept."""
+    """Return what each ray meets, in the gripper frame (R, 3); NaN = nothing kept.
+
+    Kept is what lies in the cropped region and in the cube: nothing is known beyond.
+    """
     origins, directions = rays
     eyes = apply(T_task_gripper, origins)
     ways = directions @ T_task_gripper[:3, :3].T
@@ -118,5 +125,8 @@ def _surface(
     distances = first_crossings(scene, eyes, ways, samples)
     points = origins + distances[:, None] * directions
     low, high = crop
-    points[~((points >= low) & (points <= high)).all(axis=1)] = np.nan
+    kept = ((points >= low) & (points <= high)).all(axis=1)
+    there = eyes + distances[:, None] * ways
+    kept &= ((there >= 0) & (there <= scene.edge)).all(axis=1)
+    points[~kept] = np.nan
     return points

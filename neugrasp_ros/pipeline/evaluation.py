@@ -16,7 +16,6 @@ from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.pipeline.scenes import EncodedScene
 from neugrasp_ros.pipeline.scoring import Scorer
-from neugrasp_ros.scene.field import seen_free
 from neugrasp_ros.scene.reference import NetworkOccupancy
 
 FloatArray = NDArray[np.float64]
@@ -47,8 +46,9 @@ class Evaluator:
 
     def reference(self, scene: EncodedScene) -> NetworkOccupancy:
         """Return a scene of one cube as the reference renderer asks it."""
-        free = seen_free(scene.volume.distances)
-        return NetworkOccupancy(self._network.scene, scene.planes, scene.edge, free)
+        return NetworkOccupancy(
+            self._network.scene, scene.planes, scene.edge, scene.free
+        )
 
     def inputs(
         self, scene: EncodedScene, grasps: GraspSet, support_height: float

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A volume of any size as the network sees it: cube by cube, and as one field."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -19,12 +19,14 @@ from neugrasp_ros.scene.cubes import (
     cover,
     cut,
     merge_fields,
+    shares_at,
 )
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.scene.field import (
     FREE_LOGIT,
     CompiledOccupancy,
-    evaluate_field,
+    evaluate_samples,
+    refined,
     seen_free,
 )
 from neugrasp_ros.scene.network import SceneNetwork
@@ -33,6 +35,7 @@ from neugrasp_ros.scene.reference import NetworkOccupancy, dense_field
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 Box = tuple[FloatArray, FloatArray]
 
 EDGE = 0.3  # [m], of the cube that networks learn
@@ -69,7 +72,9 @@ class EncodedScene:
         volume: The volume itself.
         corners: Lower corners of the B cubes in [voxel], shape (B, 3).
         planes: Feature planes of each cube, shape (B, 3, C, R, R).
-        field: Occupancy logits on the volume's grid, positive inside.
+        field: Occupancy logits, two samples per voxel along each axis, positive
+            inside.
+        free: Voxels that were seen to be free, of the volume's shape.
         queries: Points that the network was asked for.
         cube_voxels: Voxels along a cube's edge, D.
         occupancies: The cubes' compiled decoders.
@@ -80,6 +85,7 @@ class EncodedScene:
     corners: IntArray
     planes: Tensor
     field: ScalarGrid
+    free: BoolArray
     queries: int
     cube_voxels: int
     occupancies: tuple[CompiledOccupancy, ...] = ()
@@ -117,10 +123,10 @@ class EncodedScene:
             rows = np.flatnonzero(owners == cube)
             local = self.in_cube(cube, points[rows])
             logits[rows] = self.occupancies[cube].at_points(local)
-        shape = np.array(self.volume.distances.shape)
+        shape = np.array(self.free.shape)
         cells = np.floor(points / self.volume.voxel_size).astype(np.int64)
         x, y, z = np.clip(cells, 0, shape - 1).T
-        logits[seen_free(self.volume.distances[x, y, z])] = FREE_LOGIT
+        logits[self.free[x, y, z]] = FREE_LOGIT
         return logits
 
 
@@ -183,66 +189,87 @@ def encode_scene(
     corners = cover(shape, size, round(settings.overlap / voxel))
     floor = (settings.support_height + ABOVE_SUPPORT) / voxel
     corners = corners[busy(distances, corners, size, floor)]
+    free = seen_free(distances)
     if not len(corners):
         nothing = np.full(shape, FREE_LOGIT, dtype=np.float32)
         none = torch.zeros(0)
         return EncodedScene(
-            revision, volume, corners, none, ScalarGrid(nothing, voxel), 0, size
+            revision, volume, corners, none, ScalarGrid(nothing, voxel), free, 0, size
         )
     parts = [cut(distances, corner, size) for corner in corners]
     channels = torch.from_numpy(np.stack([volume_channels(part) for part in parts]))
     planes = network.encode(channels.to(settings.device))
+    cubes = _Cubes(
+        tuple(
+            CompiledOccupancy(network, planes[b : b + 1], settings.threads)
+            for b in range(len(corners))
+        ),
+        corners,
+        size,
+    )
     if settings.reference:
-        merged, queries = _dense(network, planes, parts, voxel)
+        grid, queries = _dense(network, planes, free, voxel)
     else:
-        merged, queries = _fields(network, planes, parts, corners, shape, settings)
-    occupancies = tuple(
-        CompiledOccupancy(network, planes[b : b + 1], settings.threads)
-        for b in range(len(corners))
-    )
-    grid = ScalarGrid(merged, voxel)
-    return EncodedScene(
-        revision, volume, corners, planes, grid, queries, size, occupancies
-    )
-
-
-def _fields(
-    network: SceneNetwork,
-    planes: Tensor,
-    parts: list[Float32Array],
-    corners: IntArray,
-    shape: tuple[int, int, int],
-    settings: EncodeSettings,
-) -> tuple[Float32Array, int]:
-    """Evaluate each cube's field where it counts, and mix them."""
-    size = len(parts[0])
-    if len(parts) == 1 and shape == (size,) * 3:
-        grid, queries = evaluate_field(network, planes, parts[0], 1.0, settings.threads)
-        return grid.values, queries
-    shares = blend_shares(corners, size, shape)
-    fields, queries = [], 0
-    for b, (part, share) in enumerate(zip(parts, shares, strict=True)):
-        grid, asked = evaluate_field(
-            network,
-            planes[b : b + 1],
-            part,
-            1.0,
-            settings.threads,
-            wanted=share > NEGLIGIBLE,
-        )
-        fields.append(grid.values)
+        values, queries = _samples(cubes, free, parts)
+        grid, asked = refined(values, free, voxel, cubes.ask, settings.threads)
         queries += asked
-    return merge_fields(fields, shares, corners, shape, FREE_LOGIT), queries
+    return EncodedScene(
+        revision, volume, corners, planes, grid, free, queries, size, cubes.occupancies
+    )
+
+
+class _Cubes(NamedTuple):
+    """The cubes of a volume, each with its decoder."""
+
+    occupancies: tuple[CompiledOccupancy, ...]
+    corners: IntArray  # [voxel], (B, 3)
+    size: int  # [voxel]
+
+    def ask(self, index: IntArray) -> Float32Array:
+        """Return logits (N,) at samples (N, 3) of the grid with half a voxel's edge."""
+        positions = (index + 0.5) / 2  # [voxel]
+        if len(self.corners) == 1:
+            return self.occupancies[0].at_points(
+                (positions - self.corners[0]) / self.size
+            )
+        shares = shares_at(positions, self.corners, self.size)
+        shares[shares < NEGLIGIBLE] = 0
+        shares /= np.maximum(shares.sum(axis=1, keepdims=True), NEGLIGIBLE)
+        logits = np.where(shares.any(axis=1), 0, FREE_LOGIT).astype(np.float32)
+        for cube, (ask, corner) in enumerate(
+            zip(self.occupancies, self.corners, strict=True)
+        ):
+            rows = np.flatnonzero(shares[:, cube])
+            local = (positions[rows] - corner) / self.size
+            logits[rows] += shares[rows, cube] * ask.at_points(local)
+        return logits
+
+
+def _samples(
+    cubes: _Cubes, free: BoolArray, parts: list[Float32Array]
+) -> tuple[Float32Array, int]:
+    """Evaluate each cube's logits where they count, and mix them."""
+    shape = (free.shape[0], free.shape[1], free.shape[2])
+    if len(parts) == 1 and shape == (cubes.size,) * 3:
+        return evaluate_samples(cubes.occupancies[0], free)
+    shares = blend_shares(cubes.corners, cubes.size, shape)
+    values, queries = [], 0
+    for ask, part, share in zip(cubes.occupancies, parts, shares, strict=True):
+        found, asked = evaluate_samples(ask, seen_free(part), share > NEGLIGIBLE)
+        values.append(found)
+        queries += asked
+    mixed = merge_fields(values, shares, cubes.corners, shape, FREE_LOGIT)
+    return mixed, queries
 
 
 def _dense(
-    network: SceneNetwork, planes: Tensor, parts: list[Float32Array], voxel: float
-) -> tuple[Float32Array, int]:
-    if len(parts) > 1:
+    network: SceneNetwork, planes: Tensor, free: BoolArray, voxel: float
+) -> tuple[ScalarGrid, int]:
+    if len(planes) > 1:
         raise ConfigError(
-            f"renderer: reference takes one cube, the volume needs {len(parts)}"
+            f"renderer: reference takes one cube, the volume needs {len(planes)}"
         )
-    size = len(parts[0])
-    edge = size * voxel
-    occupancy = NetworkOccupancy(network, planes, edge, seen_free(parts[0]))
-    return dense_field(occupancy, size, edge).values, occupancy.queries
+    edge = len(free) * voxel
+    occupancy = NetworkOccupancy(network, planes, edge, free)
+    field = dense_field(occupancy, 2 * len(free), edge)
+    return replace(field, normal_reach=voxel), occupancy.queries

@@ -119,22 +119,49 @@ def blend_shares(
     return weights
 
 
+def shares_at(positions: FloatArray, corners: IntArray, size: int) -> Float32Array:
+    """Return how much each cube counts at positions, as ``blend_shares`` does.
+
+    Args:
+        positions: In [voxel], shape (N, 3).
+        corners: Lower corners of the cubes in [voxel], shape (B, 3).
+        size: Voxels along a cube's edge.
+
+    Returns:
+        Shape (N, B); rows add up to 1, or to 0 where no cube lies.
+    """
+    weights = np.zeros((len(positions), len(corners)), dtype=np.float32)
+    for number, corner in enumerate(corners):
+        local = positions - corner
+        rows = np.flatnonzero(((local >= 0) & (local <= size)).all(axis=1))
+        weight = np.ones(len(rows), dtype=np.float32)
+        for axis in range(3):
+            weight *= _profile(local[rows, axis], axis, corner, corners, size)
+        weights[rows, number] = weight
+    total = weights.sum(axis=1, keepdims=True)
+    return np.divide(weights, total, out=weights, where=total > 0)
+
+
 def _weight(corner: IntArray, corners: IntArray, size: int) -> Float32Array:
     """Return a cube's weight before it is compared with the others', (D, D, D)."""
     at = np.arange(size, dtype=np.float64) + 0.5
-    profiles = []
-    for axis in range(3):
-        profile = np.ones(size, dtype=np.float32)
-        places = np.unique(corners[:, axis])
-        place = int(np.searchsorted(places, corner[axis]))
-        if place > 0:
-            profile *= _ramp(at, (places[place - 1] + size - corner[axis]) / 2)
-        if place + 1 < len(places):
-            shared = corner[axis] + size - places[place + 1]
-            profile *= _ramp(size - at, shared / 2)
-        profiles.append(profile)
-    x, y, z = profiles
+    x, y, z = (_profile(at, axis, corner, corners, size) for axis in range(3))
     return np.asarray(x[:, None, None] * y[None, :, None] * z)
+
+
+def _profile(
+    at: FloatArray, axis: int, corner: IntArray, corners: IntArray, size: int
+) -> Float32Array:
+    """Return a cube's weight along one axis at coordinates (N,) in it, in [voxel]."""
+    profile = np.ones(len(at), dtype=np.float32)
+    places = np.unique(corners[:, axis])
+    place = int(np.searchsorted(places, corner[axis]))
+    if place > 0:
+        profile *= _ramp(at, (places[place - 1] + size - corner[axis]) / 2)
+    if place + 1 < len(places):
+        shared = corner[axis] + size - places[place + 1]
+        profile *= _ramp(size - at, shared / 2)
+    return profile
 
 
 def _ramp(distance: FloatArray, middle: float) -> Float32Array:

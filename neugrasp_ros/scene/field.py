@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The network's occupancy on a grid, evaluated only where it is not already known."""
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -8,6 +10,7 @@ from torch import Tensor
 
 from neugrasp_ros.errors import ShapeError
 from neugrasp_ros.geometry.grid import ScalarGrid
+from neugrasp_ros.geometry.grid_refine import doubled, straddling
 from neugrasp_ros.scene.encoder import FREE_ABOVE
 from neugrasp_ros.scene.grid_decoder import (
     decode_at_points,
@@ -17,24 +20,30 @@ from neugrasp_ros.scene.grid_decoder import (
 )
 from neugrasp_ros.scene.network import SceneNetwork
 
+Float32Array = NDArray[np.float32]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
 FREE_LOGIT = -8.0  # what is not asked because it was seen to be free
 LOGIT_LIMIT = 8.0  # logits are clipped: beyond it interpolation would be lopsided
 MARGIN = 3.0  # [logit]; a coarse cell whose corners are all beyond it is not refined
+
+
+SURFACE_MARGIN = 0.25  # [logit]; the same for cells whose resolution is doubled again
+
+Ask = Callable[[IntArray], Float32Array]
+"""Sample indices (N, 3) in, clipped logits (N,) out."""
 
 
 @torch.no_grad()
 def evaluate_field(
     network: SceneNetwork,
     planes: Tensor,
-    distances: NDArray[np.float32],
+    distances: Float32Array,
     edge: float,
     threads: int = 1,
-    wanted: NDArray[np.bool_] | None = None,
 ) -> tuple[ScalarGrid, int]:
     """Evaluate one scene's occupancy logits, coarse to fine.
-
-    First every second sample that was not seen free; then, at full resolution, the
-    cells whose coarse corners disagree or are undecided. The rest is interpolated.
 
     Args:
         network: The network.
@@ -43,41 +52,104 @@ def evaluate_field(
             with even D.
         edge: Edge of the cube in [m].
         threads: Worker threads.
-        wanted: Where the field matters, shape (D, D, D); it is free elsewhere.
 
     Returns:
-        Logits on the volume's grid, positive inside, and the number of points that
-        the network was asked for.
+        Logits on a grid of 2D samples per edge, positive inside, and the number of
+        points that the network was asked for.
 
     Raises:
         ShapeError: If the volume is not a cube of an even number of voxels per edge.
     """
-    size = distances.shape[0]
-    if distances.shape != (size,) * 3 or size % 2:
-        raise ShapeError("distances", "(D, D, D) with even D", distances.shape)
+    ask = CompiledOccupancy(network, planes, threads)
     free = seen_free(distances)
+    values, queries = evaluate_samples(ask, free)
+    size = len(values)
+    field, asked = refined(
+        values, free, edge / size, lambda i: ask.on_grid(i, 2 * size), threads
+    )
+    return field, queries + asked
+
+
+def evaluate_samples(
+    ask: "CompiledOccupancy", free: BoolArray, wanted: BoolArray | None = None
+) -> tuple[Float32Array, int]:
+    """Evaluate one scene's logits on the grid of its volume.
+
+    First every second sample that was not seen free; then, at full resolution, the
+    cells whose coarse corners disagree or are undecided. The rest is interpolated.
+
+    Args:
+        ask: The network.
+        free: What was seen free, shape (D, D, D) with even D.
+        wanted: Where the field matters, shape (D, D, D); it is free elsewhere.
+
+    Returns:
+        Logits (D, D, D), and the number of points that were asked for.
+
+    Raises:
+        ShapeError: If the volume is not a cube of an even number of voxels per edge.
+    """
+    size = free.shape[0]
+    if free.shape != (size,) * 3 or size % 2:
+        raise ShapeError("distances", "(D, D, D) with even D", free.shape)
     if wanted is not None:
-        free |= ~wanted
+        free = free | ~wanted
     half = size // 2
     blocks = free.reshape(half, 2, half, 2, half, 2)
     free_blocks = blocks.all(axis=(1, 3, 5))
-    ask = CompiledOccupancy(network, planes, threads)
     coarse = np.full((half,) * 3, FREE_LOGIT, dtype=np.float32)
     index = np.argwhere(~free_blocks)
     coarse[tuple(index.T)] = ask.on_grid(index, half)
     undecided = _undecided(coarse) & ~free_blocks
 
-    fine = _upsample(coarse)
-    wanted = np.repeat(np.repeat(np.repeat(undecided, 2, 0), 2, 1), 2, 2) & ~free
-    index_fine = np.argwhere(wanted)
+    fine = doubled(coarse)
+    doubtful = np.repeat(np.repeat(np.repeat(undecided, 2, 0), 2, 1), 2, 2) & ~free
+    index_fine = np.argwhere(doubtful)
     fine[tuple(index_fine.T)] = ask.on_grid(index_fine, size)
     fine[free] = FREE_LOGIT
-    return ScalarGrid(fine, edge / size), len(index) + len(index_fine)
+    return fine, len(index) + len(index_fine)
 
 
-def seen_free(distances: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Tell which voxels a camera has seen to be free, well in front of any surface."""
-    return np.asarray(np.nan_to_num(distances, nan=-1.0) >= FREE_ABOVE)
+def refined(
+    values: Float32Array, free: BoolArray, spacing: float, ask: Ask, threads: int = 1
+) -> tuple[ScalarGrid, int]:
+    """Double the resolution of logits; ask anew where the surface passes.
+
+    Args:
+        values: Logits on the volume's grid, shape (X, Y, Z).
+        free: What was seen free, of the same shape.
+        spacing: Distance of the samples in [m].
+        ask: The network, at samples of the doubled grid.
+        threads: Worker threads.
+
+    Returns:
+        The field, whose normals compare values over the old spacing, and the number of
+        points that were asked for.
+    """
+    fine = doubled(values, threads)
+    index = straddling(values, SURFACE_MARGIN)
+    index = index[~free[tuple(index.T // 2)]]
+    fine[tuple(index.T)] = ask(index)
+    return ScalarGrid(fine, spacing / 2, normal_reach=spacing), len(index)
+
+
+def seen_free(distances: Float32Array) -> BoolArray:
+    """Tell which voxels a camera has seen to be free, with all their neighbours.
+
+    At the border of what was seen the network decides: a surface there follows it
+    instead of the voxels' faces.
+
+    Args:
+        distances: In units of truncation, NaN = never observed, shape (X, Y, Z).
+    """
+    free = np.nan_to_num(distances, nan=-1.0) >= FREE_ABOVE
+    for axis in range(free.ndim):
+        wide = free.copy()
+        low, high = np.moveaxis(wide, axis, 0), np.moveaxis(free, axis, 0)
+        low[1:] &= high[:-1]
+        low[:-1] &= high[1:]
+        free = wide
+    return np.asarray(free)
 
 
 class CompiledOccupancy:
@@ -97,7 +169,8 @@ class CompiledOccupancy:
 
     def on_grid(self, index: NDArray[np.int64], size: int) -> NDArray[np.float32]:
         """Return logits at samples (N, 3) of a grid with ``size`` per edge."""
-        if self._weights is None or size < self._planes.shape[-1]:
+        cells = self._planes.shape[-1]
+        if self._weights is None or not cells <= size <= 2 * cells:
             return self.at_points((index + 0.5) / size)
         table = project_planes(self._network.decoder, self._planes, size)
         return _clipped(decode_on_grid(self._weights, table, index, self._threads))
@@ -136,17 +209,3 @@ def _undecided(coarse: NDArray[np.float32]) -> NDArray[np.bool_]:
         low = np.minimum(np.minimum(views[0][0], views[1][0]), views[2][0])
         high = np.maximum(np.maximum(views[0][1], views[1][1]), views[2][1])
     return (high > -MARGIN) & (low < MARGIN)
-
-
-def _upsample(coarse: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Double the resolution by linear interpolation between sample centres."""
-    out = coarse
-    for axis in range(3):
-        last = out.shape[axis] - 1
-        before = out.take(np.maximum(np.arange(last + 1) - 1, 0), axis=axis)
-        after = out.take(np.minimum(np.arange(last + 1) + 1, last), axis=axis)
-        pair = np.stack([3 * out + before, 3 * out + after], axis + 1) / 4
-        shape = list(out.shape)
-        shape[axis] *= 2
-        out = pair.reshape(shape)
-    return np.ascontiguousarray(out, dtype=np.float32)

@@ -32,8 +32,8 @@ class NetworkOccupancy:
         network: The network.
         planes: Planes of one scene, shape (1, 3, C, R, R).
         edge: Edge of the cube in [m].
-        free: Voxels that a camera has seen to be free, shape (D, D, D): knowledge that
-            both renderers start from.
+        free: Voxels that are known to be free, see ``seen_free``, shape (D, D, D):
+            knowledge that both renderers start from.
 
     Attributes:
         queries: Points that the network was asked for so far.
@@ -49,6 +49,11 @@ class NetworkOccupancy:
         self._network, self._planes, self._edge = network, planes, edge
         self._free = free
         self.queries = 0
+
+    @property
+    def edge(self) -> float:
+        """Edge of the cube in [m]."""
+        return self._edge
 
     def __call__(self, points: FloatArray) -> Float32Array:
         """Return probabilities (N,) at points (N, 3) in the task frame in [m]."""

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from neugrasp_ros.errors import EmptySceneError
 from neugrasp_ros.grasp.ablation import RENDERED, restricted_inputs
-from neugrasp_ros.grasp.inputs import LocalInputs, mirror_inputs
+from neugrasp_ros.grasp.inputs import LocalInputs, mirror_inputs, perturbed
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.training.cache import POINT_SCALE
 from neugrasp_ros.training.grasps import NOT_KNOWN, GraspEntry, load_grasps
@@ -82,7 +82,8 @@ def make_batch(
 ) -> GraspBatch:
     """Draw grasps of each entry, with replacement where it has too few.
 
-    Half of the grasps, drawn at random, are mirrored.
+    Half of the grasps, drawn at random, are mirrored, and rendered views are
+    ``perturbed``.
 
     Args:
         entries: One view of a scene each.
@@ -97,7 +98,8 @@ def make_batch(
         if count < n_grasps:
             drawn = np.concatenate([drawn, rng.integers(count, size=n_grasps - count)])
         rows.append(drawn)
-        inputs.append(half_mirrored(inputs_of(entry, drawn, local_view), rng))
+        seen = half_mirrored(inputs_of(entry, drawn, local_view), rng)
+        inputs.append(perturbed(seen, rng) if local_view == RENDERED else seen)
         local.append(rng.integers(len(entry.local_points), size=LOCAL_POINTS_PER_SCENE))
     return _stack(entries, rows, inputs, local)
 

@@ -3,12 +3,7 @@ import numpy as np
 import pytest
 
 from neugrasp_ros.errors import ShapeError
-from neugrasp_ros.geometry.grid import (
-    ScalarGrid,
-    inside_gaps,
-    march,
-    occupied_blocks,
-)
+from neugrasp_ros.geometry.grid import ScalarGrid, march
 
 SPACING = 0.3 / 64
 CENTER = np.array([0.15, 0.14, 0.16])
@@ -138,26 +133,6 @@ def test_marching_leaves_its_inputs_alone(sphere):
         assert np.array_equal(kept, now)
 
 
-def test_blocks_tell_where_an_inside_value_is_near():
-    values = np.full((10, 8, 9), -1.0, dtype=np.float32)
-    values[9, 0, 4] = 1.0
-    blocks = occupied_blocks(values)
-    assert blocks.shape == (3, 2, 3)
-    assert np.argwhere(~blocks)[:, 0].tolist() == [0] * 6  # x blocks 1 and 2 are near
-    assert blocks[1:].all()
-
-
-def test_a_gap_is_the_distance_to_the_nearest_cell_that_touches_the_inside():
-    values = np.full((20, 9, 9), -1.0, dtype=np.float32)
-    values[3, 4, 4] = 1.0  # a corner of the cells 2..3 along x and 3..4 along y and z
-    gaps = inside_gaps(values)
-    assert (gaps[2:4, 3:5, 3:5] == 0).all()
-    assert (gaps == 0).sum() == 8
-    assert gaps[:, 4, 4].tolist() == [2, 1, 0, 0, *range(1, 13), 12, 12, 12, 12]
-    assert gaps[9, 0, 8] == 6  # the largest of 6, 3 and 4
-    assert (inside_gaps(-np.abs(values)) == 12).all()
-
-
 def test_leaping_misses_nothing_that_small_steps_meet():
     rng = np.random.default_rng(4)
     values = np.full((24, 20, 16), -8.0)
@@ -187,3 +162,12 @@ def test_rays_of_unlike_number_are_rejected(sphere):
 def test_a_grid_needs_two_samples_along_three_axes(shape):
     with pytest.raises(ShapeError, match="values"):
         ScalarGrid(np.zeros(shape), 0.1)
+
+
+def test_normals_compare_values_as_far_apart_as_told():
+    values = np.zeros((16, 4, 4))
+    values[8:] = 1.0  # a step at x = 0.08
+    near, wide = ScalarGrid(values, 0.01), ScalarGrid(values, 0.01, normal_reach=0.03)
+    point = np.array([[0.06, 0.02, 0.02]])
+    np.testing.assert_allclose(near.normals(point), 0.0)
+    np.testing.assert_allclose(wide.normals(point), [[-1.0, 0.0, 0.0]])

@@ -18,10 +18,12 @@ from neugrasp_ros.grasp.inputs import (
     TOKEN_FEATURES,
     LocalInputs,
     assemble_inputs,
+    distinct_counts,
     gripper_features,
     hand_distances,
     mirror_inputs,
     observed_at,
+    perturbed,
 )
 
 PANDA = load_gripper("panda")
@@ -224,3 +226,28 @@ def test_a_grasp_of_nothing_has_no_hits_and_finite_inputs():
     inputs = inputs_of(empty, hand_at(CENTER, [0, 0, -1], [0, 1, 0])[None])
     assert inputs.hits.tolist() == [0]
     assert all(np.isfinite(array).all() for array in inputs)
+
+
+def test_perturbed_inputs_lose_points_and_move_the_rest_a_little(field):
+    inputs = inputs_of(field, random_hands(CENTER, 6, np.random.default_rng(0)))
+    found = perturbed(inputs, np.random.default_rng(1), dropped=0.5, jitter=0.001)
+    before, after = (distinct_counts(i.points_task) for i in (inputs, found))
+    np.testing.assert_array_equal(before, np.minimum(inputs.hits, 96))
+    assert (after <= before).all()
+    assert 0.5 < (after / before).mean() < 0.95
+    np.testing.assert_array_equal(found.tokens, inputs.tokens)
+    for g, count in enumerate(after):
+        known = {tuple(row) for row in inputs.points_task[g].tolist()}
+        assert {tuple(row) for row in found.points_task[g].tolist()} <= known
+        assert len(np.unique(found.point_features[g], axis=0)) == count
+        rows = [inputs.points_task[g].tolist().index(p.tolist()) for p in
+                found.points_task[g]]  # fmt: skip
+        gap = found.point_features[g, :, :3] - inputs.point_features[g, rows, :3]
+        assert 0 < np.abs(gap * LENGTH).max() < 0.006
+
+
+def test_nothing_is_perturbed_by_nothing(field):
+    inputs = inputs_of(field, random_hands(CENTER, 3, np.random.default_rng(0)))
+    same = perturbed(inputs, np.random.default_rng(0), dropped=0.0, jitter=0.0)
+    for one, other in zip(same, inputs, strict=True):
+        np.testing.assert_array_equal(one, other)

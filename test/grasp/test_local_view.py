@@ -4,7 +4,7 @@ import pytest
 from field_shapes import hand_at, random_hands, sphere_field
 
 from neugrasp_ros.errors import ShapeError
-from neugrasp_ros.geometry.grid import BLOCK
+from neugrasp_ros.geometry.grid_skips import BLOCK
 from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.geometry.transform import apply, invert, translation
 from neugrasp_ros.grasp.local_view import (

@@ -9,6 +9,7 @@ from neugrasp_ros.scene.cubes import (
     cover,
     cut,
     merge_fields,
+    shares_at,
 )
 
 SIZE = 16
@@ -81,3 +82,18 @@ def test_a_lonely_cube_counts_to_its_end_and_nothing_lies_beyond():
     merged = merge_fields(fields, shares, corners, (40, 16, 16), -8.0)
     assert merged[:16] == pytest.approx(2.0)
     assert (merged[16:24] == -8.0).all()
+
+
+def test_shares_at_the_samples_are_those_of_the_grid():
+    shape = (24, 16, 16)
+    corners = cover(shape, SIZE, 6)
+    shares = blend_shares(corners, SIZE, shape)
+    index = np.argwhere(np.ones(shape))
+    found = shares_at(index + 0.5, corners, SIZE)
+    assert len(corners) == 2
+    np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-6)
+    for number, (share, corner) in enumerate(zip(shares, corners, strict=True)):
+        inside = ((index >= corner) & (index < corner + SIZE)).all(axis=1)
+        expected = share[tuple((index[inside] - corner).T)]
+        np.testing.assert_allclose(found[inside, number], expected, atol=1e-6)
+    assert (shares_at(np.array([[-1.0, 3.0, 3.0]]), corners, SIZE) == 0).all()

@@ -9,15 +9,20 @@ from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import ShapeError
 from neugrasp_ros.scene import field as field_module
 from neugrasp_ros.scene.decoder import OccupancyDecoder
-from neugrasp_ros.scene.field import FREE_LOGIT, LOGIT_LIMIT, evaluate_field
+from neugrasp_ros.scene.field import (
+    FREE_LOGIT,
+    LOGIT_LIMIT,
+    evaluate_field,
+    seen_free,
+)
 from neugrasp_ros.scene.network import SceneNetwork
 
 EDGE, SIZE = 0.3, 32
 CENTER, RADIUS = np.array([0.5, 0.45, 0.4]), 0.22  # in units of the edge
 
 
-def grid_points() -> np.ndarray:
-    axis = (np.arange(SIZE) + 0.5) / SIZE
+def grid_points(size: int = SIZE) -> np.ndarray:
+    axis = (np.arange(size) + 0.5) / size
     return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
 
 
@@ -59,27 +64,37 @@ def half_seen() -> np.ndarray:
 def test_the_sphere_is_found_where_it_is(asks_the_network):
     distances = half_seen()
     field, _ = evaluate_field(SphereNetwork(), asks_the_network, distances, EDGE)
-    truth = sphere_logits(grid_points())
-    unknown = np.isnan(distances)
+    truth = sphere_logits(grid_points(2 * SIZE))
+    unknown = np.isnan(distances).repeat(2, 0).repeat(2, 1).repeat(2, 2)
     same_sign = (field.values > 0) == (truth > 0)
-    assert same_sign[unknown].mean() >= 0.999
-    near = unknown & (np.abs(truth) < 1.0)
+    assert same_sign[unknown].mean() >= 0.9999
+    near = unknown & (np.abs(truth) < 0.2)
     np.testing.assert_allclose(field.values[near], truth[near], atol=1e-4)
-    assert field.spacing == pytest.approx(EDGE / SIZE)
+    assert field.spacing == pytest.approx(EDGE / SIZE / 2)
+    assert field.reach == pytest.approx(EDGE / SIZE)
 
 
 def test_what_was_seen_free_stays_free_and_is_not_asked(asks_the_network):
     network, distances = SphereNetwork(), half_seen()
     distances[8:24, 8:24, 8:24] = 1.0  # seen free against what the network thinks
     field, queries = evaluate_field(network, asks_the_network, distances, EDGE)
-    assert (field.values[distances == 1.0] == FREE_LOGIT).all()
+    assert (field.values[20:44, 20:44, 20:44] == FREE_LOGIT).all()
     assert queries == network.asked
+
+
+def test_free_is_what_was_seen_free_with_all_its_neighbours():
+    distances = np.full((5, 5, 5), 1.0, dtype=np.float32)
+    distances[0, 0, 0], distances[4, 2, 2] = np.nan, 0.5
+    free = seen_free(distances)
+    assert not free[:2, :2, :2].any()
+    assert not free[3:, 1:4, 1:4].any()
+    assert free.sum() == 5**3 - 8 - 18
 
 
 def test_most_of_the_volume_is_not_asked_at_full_resolution(asks_the_network):
     nothing_seen = np.full((SIZE,) * 3, np.nan, dtype=np.float32)
     _, queries = evaluate_field(SphereNetwork(), asks_the_network, nothing_seen, EDGE)
-    assert (SIZE // 2) ** 3 < queries < 0.6 * SIZE**3
+    assert (SIZE // 2) ** 3 < queries < 0.2 * (2 * SIZE) ** 3
 
 
 def test_logits_are_clipped(asks_the_network):
@@ -107,19 +122,20 @@ def test_a_network_is_evaluated_as_if_it_were_asked_everywhere(plane_resolution)
     planes = torch.nn.functional.interpolate(
         coarse, size=(plane_resolution,) * 2, mode="bilinear"
     ).reshape(1, 3, 4, plane_resolution, plane_resolution)
-    points = torch.from_numpy(grid_points().astype(np.float32)).reshape(1, -1, 3)
+    size = 2 * SIZE
+    points = torch.from_numpy(grid_points(size).astype(np.float32)).reshape(1, -1, 3)
     with torch.no_grad():
         network.decoder.logit.weight.mul_(6.0)
         dense = network.occupancy_chunked(planes, points)
         network.decoder.logit.bias.sub_(dense.median())
         dense = network.occupancy_chunked(planes, points)[0].numpy()
-    dense = dense.reshape((SIZE,) * 3)
+    dense = dense.reshape((size,) * 3)
     distances = np.full((SIZE,) * 3, np.nan, dtype=np.float32)
     field, queries = evaluate_field(network, planes, distances, EDGE)
     assert 0.2 < (dense > 0).mean() < 0.8
     assert ((field.values > 0) == (dense > 0)).mean() >= 0.999
     assert queries > (SIZE // 2) ** 3
-    near = np.abs(dense) < 2
+    near = np.abs(dense) < 0.05
     np.testing.assert_allclose(field.values[near], dense[near], atol=1e-3)
 
 
