@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.benchmark.records import RoundRecord
 from neugrasp_ros.errors import ConfigError
+from neugrasp_ros.training.metrics import (
+    average_precision,
+    expected_calibration_error,
+)
 
 Z_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
 N_BOOTSTRAP = 2000
@@ -87,7 +91,9 @@ def summarize(
     Returns:
         ``gsr``, ``gsr_ci`` (Wilson over attempts), ``gsr_ci_rounds`` (bootstrap over
         rounds), ``dr``, ``dr_ci`` (bootstrap over rounds), counts, the failures by
-        name, how rounds ended, and seconds per stage (median and 90th percentile).
+        name, how rounds ended, ``iou`` and ``iou_ci`` (mean over the rounds' first
+        views, bootstrap), ``quality_ap`` and ``quality_ece`` of the executed grasps'
+        promised quality, and milliseconds per stage (median and 90th percentile).
         A rate without a denominator is None.
     """
     successes = np.array([r.n_successes for r in rounds], dtype=np.float64)
@@ -108,7 +114,32 @@ def summarize(
             Counter(a.reason for r in rounds for a in r.attempts if a.reason)
         ),
         "ended": dict(Counter(r.ended for r in rounds)),
+        **_reconstruction(rounds, rng),
+        **_promises(rounds),
         "milliseconds": stage_times(rounds),
+    }
+
+
+def _reconstruction(
+    rounds: Sequence[RoundRecord], rng: np.random.Generator
+) -> dict[str, Any]:
+    ious = np.array([r.iou for r in rounds if r.iou is not None])
+    if not len(ious):
+        return {"iou": None, "iou_ci": None}
+    bounds = bootstrap_ratio(ious, np.ones(len(ious)), rng)
+    return {"iou": 100.0 * float(ious.mean()), "iou_ci": _percents(bounds)}
+
+
+def _promises(rounds: Sequence[RoundRecord]) -> dict[str, float | None]:
+    """Return how well the promised quality tells which executed grasps succeed."""
+    attempts = [a for r in rounds for a in r.attempts if np.isfinite(a.quality)]
+    promised = np.array([a.quality for a in attempts])
+    success = np.array([a.success for a in attempts], dtype=np.float64)
+    if not success.any():
+        return {"quality_ap": None, "quality_ece": None}
+    return {
+        "quality_ap": 100.0 * average_precision(promised, success),
+        "quality_ece": 100.0 * expected_calibration_error(promised, success),
     }
 
 

@@ -74,6 +74,7 @@ def _plan(
         classes=planner.affordances,
         candidates=candidates,
         surface=planner.render(scene).points,
+        field=scene.field,
     )
 
 

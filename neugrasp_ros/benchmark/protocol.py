@@ -13,8 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from neugrasp_ros.benchmark.reconstruction import field_iou
 from neugrasp_ros.benchmark.records import AttemptRecord, RoundRecord
 from neugrasp_ros.errors import EmptySceneError, UnknownNameError
+from neugrasp_ros.geometry.grid import ScalarGrid
 from neugrasp_ros.geometry.gripper import Gripper, load_gripper
 from neugrasp_ros.grasp.types import GraspSet
 from sim_bridge.gripper import SimGripper
@@ -131,6 +133,7 @@ class Plan(NamedTuple):
         classes: Names of the grasps' affordance classes.
         candidates: The grasps that it looked at, for whoever draws them.
         surface: The surface that it completed in the task frame in [m], shape (N, 3).
+        field: The occupancy that it completed in the task frame.
     """
 
     grasps: GraspSet
@@ -139,6 +142,7 @@ class Plan(NamedTuple):
     classes: tuple[str, ...] = ()
     candidates: GraspSet = GraspSet(np.zeros((0, 4, 4)), np.zeros(0))
     surface: FloatArray = np.zeros((0, 3))
+    field: ScalarGrid | None = None
 
 
 Policy = Callable[[Look, np.random.Generator], Plan]
@@ -193,6 +197,7 @@ def run_round(
             ended=ended,
             attempts=tuple(round_.attempts),
             scene=scene.as_record(),
+            iou=round_.iou,
         )
 
 
@@ -213,6 +218,7 @@ class Round:
         self._failed: list[FloatArray] = []
         self.placed: dict[int, PlacedObject] = {}
         self.attempts: list[AttemptRecord] = []
+        self.iou: float | None = None  # of the first look
         streams = np.random.SeedSequence([suite.seed, index]).spawn(4)
         generators = [np.random.default_rng(stream) for stream in streams]
         self._scene_rng, self._view_rng, self._noise_rng, self.policy_rng = generators
@@ -276,7 +282,11 @@ class Round:
     def _plan(self, policy: Policy, look: Look) -> tuple[Plan, float]:
         start = time.perf_counter()
         plan = policy(look, self.policy_rng)
-        return plan, time.perf_counter() - start
+        seconds = time.perf_counter() - start
+        if self.iou is None and plan.field is not None:
+            objects = mesh_scene(look.truth, table=False)
+            self.iou = field_iou(plan.field, objects, look.table_height)
+        return plan, seconds
 
     def openings(self, grasps: GraspSet) -> FloatArray:
         """Return how far the jaws open for grasps by the protocol, in [m], (G,)."""

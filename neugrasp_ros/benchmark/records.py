@@ -57,6 +57,7 @@ class RoundRecord:
         ended: ``cleared``, ``failures``, ``no_grasp`` or ``empty_view``.
         attempts: Its attempts, in order.
         scene: The recipe of its start.
+        iou: Of the reconstruction from the first view; None without one.
     """
 
     index: int
@@ -65,6 +66,7 @@ class RoundRecord:
     ended: str
     attempts: tuple[AttemptRecord, ...]
     scene: Mapping[str, Any]
+    iou: float | None = None
 
     @property
     def n_successes(self) -> int:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,6 +76,21 @@ def test_rates_are_pooled_over_rounds_and_named():
     assert (figures["attempts"], figures["objects"], figures["rounds"]) == (5, 8, 2)
     assert figures["milliseconds"]["plan"]["median"] == pytest.approx(100.0)
     json.dumps(figures)
+
+
+def test_reconstructions_are_averaged_and_promises_are_checked():
+    rounds = [
+        replace(round_of(["", "empty"]), iou=0.6),
+        replace(round_of([""]), iou=0.8),
+        round_of([""]),
+    ]
+    figures = summarize(rounds, np.random.default_rng(0))
+    assert figures["iou"] == pytest.approx(70.0)
+    assert 60.0 <= figures["iou_ci"][0] < figures["iou_ci"][1] <= 80.0
+    assert figures["quality_ap"] == pytest.approx(100 * (1 + 2 / 3 + 3 / 4) / 3)
+    assert figures["quality_ece"] == pytest.approx(15.0)  # promised 90, kept 75
+    nothing = summarize([round_of(["empty"])], np.random.default_rng(0))
+    assert nothing["iou"] is None and nothing["quality_ap"] is None
 
 
 def test_rounds_without_attempts_have_no_rate():
