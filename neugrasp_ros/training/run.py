@@ -69,8 +69,8 @@ DEFAULT_STAGES = (
         stage="quality", steps=3000, scenes_per_step=8, learning_rate=2e-3
     ),
     TrainConfig(
-        stage="joint", steps=600, scenes_per_step=4, learning_rate=2e-4,
-        constant_share=0.2,
+        stage="joint", steps=1500, scenes_per_step=4, learning_rate=5e-4,
+        constant_share=0.4,
     ),
 )  # fmt: skip
 
