@@ -7,7 +7,11 @@ it dies, its one job is reported as failed and a new process takes its place.
 """
 
 import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple
 
@@ -121,6 +125,40 @@ def run_local(work: Work, jobs: Sequence[Any], n_workers: int) -> Iterator[Outco
     finally:
         for worker in workers:
             worker.stop()
+
+
+@contextmanager
+def process_pool(n_workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Return processes for work that crashes none of them; for the rest, ``run_local``.
+
+    What has not begun is dropped when the block ends with an error, and the processes
+    end at once when the one that started them is killed, instead of working through
+    the queue that it left.
+
+    Args:
+        n_workers: Processes.
+    """
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(
+        max(1, n_workers), mp_context=context, initializer=_end_with_parent
+    ) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _end_with_parent() -> None:
+    """Make this process end when the one that started it is gone."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="watch_parent", daemon=True).start()
 
 
 def run_dask(work: Work, jobs: Sequence[Any], address: str) -> Iterator[Outcome]:

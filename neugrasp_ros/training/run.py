@@ -3,9 +3,7 @@
 
 import logging
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ import torch
 
 from neugrasp_ros.config import NetworkConfig, TrainConfig
 from neugrasp_ros.datagen.labels import SceneLabels
+from neugrasp_ros.datagen.pool import process_pool
 from neugrasp_ros.datagen.shards import load_shards
 from neugrasp_ros.model import GraspNetwork, file_sha256, save_network, warm_start
 from neugrasp_ros.training.batches import GraspCache
@@ -191,8 +190,7 @@ def render_scenes(scenes: Sequence[SceneLabels], folder: Path, workers: int) -> 
     if not todo:
         return
     LOGGER.info("rendering %d scenes", len(todo))
-    context = get_context("spawn")
-    with ProcessPoolExecutor(max(1, workers), mp_context=context) as pool:
+    with process_pool(workers) as pool:
         done = pool.map(_render_one, todo, [folder] * len(todo), chunksize=8)
         for count, _ in enumerate(done, start=1):
             if count % 100 == 0:

@@ -1,8 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
+import os
+import subprocess
+import sys
+import time
+
 import pytest
 from label_work import square_or_die
 
-from neugrasp_ros.datagen.pool import attempt, run_dask, run_local
+from neugrasp_ros.datagen.pool import attempt, process_pool, run_dask, run_local
+
+LONG_QUEUE = """
+import multiprocessing, time
+from neugrasp_ros.datagen.pool import process_pool
+with process_pool(2) as pool:
+    jobs = [pool.submit(time.sleep, 0.5) for _ in range(500)]
+    jobs[3].result()
+    print(*(child.pid for child in multiprocessing.active_children()), flush=True)
+    jobs[-1].result()
+"""
 
 
 def test_a_dead_process_loses_only_its_job():
@@ -22,6 +37,39 @@ def test_work_can_stay_in_this_process():
 def test_errors_of_the_program_are_not_hidden():
     with pytest.raises(TypeError):
         attempt(square_or_die, "text")
+
+
+def test_the_workers_of_a_killed_process_do_not_work_through_its_queue():
+    owner = subprocess.Popen(
+        [sys.executable, "-c", LONG_QUEUE], stdout=subprocess.PIPE, text=True
+    )
+    assert owner.stdout is not None
+    workers = [int(pid) for pid in owner.stdout.readline().split()]
+    assert len(workers) == 2 and all(map(_is_alive, workers))
+    owner.kill()
+    owner.communicate()
+    deadline = time.monotonic() + 30.0  # the queue alone would take four times that
+    while any(map(_is_alive, workers)):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_an_error_drops_what_has_not_begun():
+    start = time.monotonic()
+    with pytest.raises(ValueError, match="enough"), process_pool(1) as pool:
+        for _ in range(500):
+            pool.submit(time.sleep, 0.2)
+        raise ValueError("enough")
+    assert time.monotonic() - start < 60.0
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat") as file:  # a dead one that nobody has fetched
+        return file.read().rpartition(")")[2].split()[0] != "Z"
 
 
 def test_dask_does_the_same_work():
