@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from neugrasp_ros.errors import UnknownNameError
+from neugrasp_ros.errors import SimulationError, UnknownNameError
 from neugrasp_ros.geometry.gripper import Gripper
 from sim_bridge.gripper import SimGripper
 from sim_bridge.objects.model import ObjectModel
@@ -101,6 +101,9 @@ class BridgeWorld:
         gripper: The gripper that tries grasps.
         scenes: What scenes are made of.
         realtime_factor: Simulated over real time; 0 = as fast as possible.
+
+    Raises:
+        SimulationError: If the engine does not start.
     """
 
     def __init__(
@@ -112,6 +115,7 @@ class BridgeWorld:
         self._jobs: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
         self._wake = threading.Condition()
         self._closed = False
+        self._ended = ""  # why no job is done any more
         self._live = False
         self._time = 0
         self._due = time.monotonic()
@@ -124,9 +128,16 @@ class BridgeWorld:
         self.do(lambda: self._spawn(*self._last_spawn)).result()
 
     def do(self, job: Callable[[], Any]) -> "Future[Any]":
-        """Run a job in the physics thread."""
+        """Run a job in the physics thread.
+
+        Returns:
+            Its result to come; a ``SimulationError`` where the world ends before.
+        """
         future: Future[Any] = Future()
         with self._wake:
+            if self._ended:
+                future.set_exception(SimulationError(self._ended))
+                return future
             self._jobs.append((future, job))
             self._wake.notify()
         return future
@@ -179,6 +190,19 @@ class BridgeWorld:
         return result
 
     def _run(self) -> None:
+        """Live until closed; whoever waits for a job then is told that it is over."""
+        ended = "the simulated world was closed"
+        try:
+            self._live_on()
+        except SimulationError as error:
+            ended = f"the simulated world has ended: {error}"
+        finally:
+            with self._wake:
+                self._ended = ended
+                for future, _ in self._jobs:
+                    future.set_exception(SimulationError(ended))
+
+    def _live_on(self) -> None:
         self._world = self._make_world()
         with self._world:
             while not self._closed:

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import threading
 import time
 
 import numpy as np
@@ -99,3 +100,31 @@ def test_real_time_is_kept():
         assert simulated / wall < 2.2
     finally:
         world.close()
+
+
+def test_a_world_that_is_closed_refuses_jobs_and_leaves_nobody_waiting():
+    world = BridgeWorld(load_gripper("panda"), BridgeScenes(), 0.0)
+    begun = threading.Event()
+    working = world.do(lambda: (begun.set(), time.sleep(0.3)))
+    assert begun.wait(10.0)
+    waiting = world.do(lambda: None)
+    closing = threading.Thread(target=world.close)
+    closing.start()
+    while not world._closed:
+        time.sleep(0.001)
+    working.result(10.0)
+    with pytest.raises(SimulationError, match="world was closed"):
+        waiting.result(10.0)
+    closing.join()
+    with pytest.raises(SimulationError, match="world was closed"):
+        world.spawn("empty", 0, 0)
+
+
+class NoEngine(BridgeWorld):
+    def _make_world(self):
+        raise SimulationError("no engine")
+
+
+def test_a_world_whose_engine_does_not_start_says_so():
+    with pytest.raises(SimulationError, match="has ended: no engine"):
+        NoEngine(load_gripper("panda"), BridgeScenes(), 0.0)
