@@ -9,10 +9,14 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from threading import Event
 from typing import Any
 
-START_TIMEOUT = 90.0  # [s]
-STOP_TIMEOUT = 10.0  # [s]
+from neugrasp_ros.cli.processes import PATIENCE, SIGNALS, stop_on_signals
+
+SUITE = (sys.executable, "-m", "neugrasp_ros.cli.main", "up", "--sim")
+STOP_TIMEOUT = PATIENCE * len(SIGNALS) + 5.0  # [s]; the suite has processes of its own
+STOPPED = 130  # exit code, as of a command that Ctrl-C ended
 
 
 def add_parser(
@@ -56,21 +60,24 @@ def run(args: argparse.Namespace) -> int:
         return 1
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 101)))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    print(f"starting the suite (ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}) ...")
-    command = [sys.executable, "-m", "neugrasp_ros.cli.main", "up", "--sim"]
+    domain = os.environ["ROS_DOMAIN_ID"]
+    print(f"starting the suite (ROS_DOMAIN_ID {domain}) ...", flush=True)
     args.picture.parent.mkdir(parents=True, exist_ok=True)
     log_path = args.picture.with_suffix(".log")
-    with log_path.open("w") as log:
+    with stop_on_signals() as stopping, log_path.open("w") as log:
         suite = subprocess.Popen(
-            [*command, *_options(args)],
+            [*SUITE, *_options(args)],
             stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
         try:
-            result = _clear(args)
+            result = _clear(args, stopping)
         finally:
             _stop(suite)
+    if stopping.is_set():
+        print("stopped")
+        return STOPPED
     if args.json:
         result["weights_sha256"] = file_sha256(default_weights())
         result["command"] = (
@@ -99,23 +106,27 @@ def _options(args: argparse.Namespace) -> list[str]:
     return options
 
 
-def _clear(args: argparse.Namespace) -> dict[str, Any]:
+def _clear(args: argparse.Namespace, stopping: Event) -> dict[str, Any]:
     if args.affordance and args.robot == "gripper":
-        return _ask(args)
+        return _ask(args, stopping)
+    from neugrasp_ros.nodes.demo_client import DemoScene
     from neugrasp_ros.nodes.demo_run import run_demo
 
     return run_demo(
-        kind=args.scene,
-        seed=args.seed,
-        n_objects=args.objects,
-        affordance=args.affordance,
+        DemoScene(
+            kind=args.scene,
+            seed=args.seed,
+            n_objects=args.objects,
+            affordance=args.affordance,
+        ),
         picture=args.picture,
         robot=args.robot == "tiago",
         say=lambda line: print(line, flush=True),
+        stopping=stopping,
     )
 
 
-def _ask(args: argparse.Namespace) -> dict[str, Any]:
+def _ask(args: argparse.Namespace, stopping: Event) -> dict[str, Any]:
     from neugrasp_ros.nodes.affordance_demo import run_affordance_demo
 
     return run_affordance_demo(
@@ -123,8 +134,8 @@ def _ask(args: argparse.Namespace) -> dict[str, Any]:
         n_objects=args.objects,
         query=args.affordance,
         picture=args.picture,
-        start_timeout=START_TIMEOUT,
         say=lambda line: print(line, flush=True),
+        stopping=stopping,
     )
 
 

@@ -4,17 +4,21 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 from neugrasp_msgs.srv import DetectGrasps, ListAffordances, SpawnScene
-from rclpy.executors import SingleThreadedExecutor
 
 from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.nodes.conversions import from_grasp_array
-from neugrasp_ros.nodes.demo_client import DemoClient, DemoError
+from neugrasp_ros.nodes.demo_client import (
+    START_TIMEOUT,
+    DemoClient,
+    DemoError,
+    demo_node,
+)
 from neugrasp_ros.nodes.outcomes import Code
-from neugrasp_ros.nodes.runtime import ros
 from neugrasp_ros.pictures.answers import ClassAnswer, draw_answers
 from neugrasp_ros.pictures.decision import Attempt, Decision
 
@@ -111,8 +115,8 @@ def run_affordance_demo(
     n_objects: int,
     query: str,
     picture: Path,
-    start_timeout: float,
     say: Callable[[str], None],
+    stopping: Event,
 ) -> dict[str, Any]:
     """Ask a cluttered scene about every class, try one answer, draw them all.
 
@@ -121,28 +125,20 @@ def run_affordance_demo(
         n_objects: Objects asked for.
         query: What is tried in the end.
         picture: Where the picture goes.
-        start_timeout: How long the suite may take to be ready [s].
         say: Shows a line to the user.
+        stopping: Set to end the demonstration early.
 
     Returns:
         JSON-able: ``lifted``, ``objects``, ``attempts``, ``answers``, ``seed``,
         ``scene``, and ``error`` where the demonstration broke off.
     """
     found, error = Answers(()), ""
-    with ros("demo", None):
-        executor = SingleThreadedExecutor()
-        client = AffordanceClient(
-            lambda seconds: executor.spin_once(timeout_sec=seconds)
-        )
-        executor.add_node(client)
+    with demo_node(AffordanceClient, stopping) as client:
         try:
-            client.wait_for_suite(start_timeout)
+            client.wait_for_suite(START_TIMEOUT)
             found = client.ask_every_class(seed, n_objects, query)
         except DemoError as problem:
             error = str(problem)
-        finally:
-            client.destroy_node()
-            executor.shutdown()
     if found.objects:
         say("on the table: " + ", ".join(found.objects))
     for answer in found.classes:

@@ -2,14 +2,18 @@
 """A client that clears the simulated table, over the same services as any user's."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from threading import Event
+from typing import Any, TypeVar
 
 import numpy as np
 from neugrasp_msgs.msg import DetectionReport, GraspArray, GraspCandidates, TsdfVolume
 from neugrasp_msgs.srv import DetectGrasps, SpawnScene, TryGrasp
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image, PointCloud2
 
 from neugrasp_ros.errors import NeuGraspError
@@ -17,10 +21,14 @@ from neugrasp_ros.nodes.compat.clouds import read_points
 from neugrasp_ros.nodes.compat.images import read_depth
 from neugrasp_ros.nodes.conversions import from_grasp_array, from_pose, from_stamp
 from neugrasp_ros.nodes.qos import latched, newest, sensor_input
+from neugrasp_ros.nodes.runtime import SPIN_PERIOD, ros
 from neugrasp_ros.pictures.decision import Attempt, Decision
+
+ClientType = TypeVar("ClientType", bound=Node)
 
 FAILURES_TO_STOP = 2  # in a row, as in the benchmark (method sheet, a8)
 SKIPS_TO_STOP = 3  # answers without a grasp
+START_TIMEOUT = 90.0  # [s], for the suite's first volume
 CALL_TIMEOUT = 30.0  # [s]
 SURFACE_TIMEOUT = 5.0  # [s], for the surface that belongs to an answer
 LOADING_TIMEOUT = 90.0  # [s], for nodes that still load their model
@@ -38,6 +46,53 @@ STAGES = (
 
 class DemoError(NeuGraspError):
     """The suite does not answer, or answers that it cannot."""
+
+
+@contextmanager
+def demo_node(
+    make: Callable[[Callable[[float], None]], ClientType], stopping: Event
+) -> Iterator[ClientType]:
+    """Bring ROS and a client up around a block.
+
+    Signals are the caller's: once the event is set, the client's next wait ends.
+
+    Args:
+        make: Makes the client of what lets its callbacks run for up to a time in [s];
+            that raises ``DemoError`` once the event is set.
+        stopping: Set to end the demonstration.
+    """
+    with ros("demo", None, SignalHandlerOptions.NO):
+        executor = SingleThreadedExecutor()
+
+        def spin(seconds: float) -> None:
+            if stopping.is_set():
+                raise DemoError("stopped")
+            executor.spin_once(timeout_sec=min(seconds, SPIN_PERIOD))
+
+        client = make(spin)
+        executor.add_node(client)
+        try:
+            yield client
+        finally:
+            client.destroy_node()
+            executor.shutdown()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoScene:
+    """What a demonstration is about.
+
+    Attributes:
+        kind: Scene kind, as the bridge knows it.
+        seed: Seed of the scene and of the sampler.
+        n_objects: Objects asked for.
+        affordance: Query of every detection.
+    """
+
+    kind: str
+    seed: int
+    n_objects: int
+    affordance: str = ""
 
 
 @dataclass
@@ -116,31 +171,26 @@ class DemoClient(Node):
         return (self._detect, self._spawn, self._try)
 
     def clear_table(
-        self,
-        kind: str,
-        seed: int,
-        n_objects: int,
-        report: Callable[[DemoResult], None],
-        affordance: str = "",
+        self, scene: DemoScene, report: Callable[[DemoResult], None]
     ) -> DemoResult:
         """Spawn a scene and clear it by the benchmark's stop rules.
 
         Args:
-            kind: Scene kind, as the bridge knows it.
-            seed: Seed of the scene and of the sampler.
-            n_objects: Objects asked for.
+            scene: The scene.
             report: Called after every attempt.
-            affordance: Query of every detection.
 
         Raises:
             DemoError: If a service does not answer or the scene cannot be made.
         """
         spawned = self._call(
-            self._spawn, SpawnScene.Request(kind=kind, seed=seed, objects=n_objects)
+            self._spawn,
+            SpawnScene.Request(
+                kind=scene.kind, seed=scene.seed, objects=scene.n_objects
+            ),
         )
         if not spawned.success:
             raise DemoError(f"spawn_scene: {spawned.message}")
-        self.prepare_scene(kind)
+        self.prepare_scene(scene.kind)
         result = DemoResult(objects=len(spawned.names))
         failures = skips = 0
         while (
@@ -148,7 +198,7 @@ class DemoClient(Node):
             and failures < self.failures_to_stop
             and skips < SKIPS_TO_STOP
         ):
-            answer = self._ask(seed, affordance)
+            answer = self._ask(scene.seed, scene.affordance)
             result.reports.append(answer.report)
             if not answer.success:
                 skips += 1

@@ -4,72 +4,59 @@
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from threading import Event
 from typing import Any
-
-from rclpy.executors import SingleThreadedExecutor
 
 from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.nodes.demo_client import (
+    START_TIMEOUT,
     DemoClient,
     DemoError,
     DemoResult,
+    DemoScene,
+    demo_node,
     stage_milliseconds,
 )
 from neugrasp_ros.nodes.robot_demo import RobotDemoClient
-from neugrasp_ros.nodes.runtime import ros
 from neugrasp_ros.pictures.decision import draw_decision
 from neugrasp_ros.pictures.film import write_film, write_strip
 
 GRIPPER = "robotiq_2f85"
-START_TIMEOUT = 90.0  # [s]
 HEADER = (
     f"{'try':>3} {'quality':>7} {'width':>8}  {'result':<28} milliseconds per stage"
 )
 
 
 def run_demo(
+    scene: DemoScene,
     *,
-    kind: str,
-    seed: int,
-    n_objects: int,
-    affordance: str,
     picture: Path,
     robot: bool,
     say: Callable[[str], None],
+    stopping: Event,
 ) -> dict[str, Any]:
     """Clear a table, tell the attempts as they come, draw the first decision.
 
     Args:
-        kind: Scene kind.
-        seed: Seed of scene and sampler.
-        n_objects: Objects asked for.
-        affordance: Query of every detection.
+        scene: What is on the table, and what is asked for.
         picture: Where the picture goes.
         robot: A whole robot carries the grasps out; a film of it goes beside the
             picture.
         say: Shows a line to the user.
+        stopping: Set to end the demonstration early.
 
     Returns:
         JSON-able: ``lifted``, ``objects``, ``attempts``, ``milliseconds``, ``seed``,
         ``scene``, and ``error`` where the demonstration broke off.
     """
     result, error = DemoResult(objects=0), ""
-    with ros("demo", None):
-        executor = SingleThreadedExecutor()
-        kind_of_client = RobotDemoClient if robot else DemoClient
-        client = kind_of_client(lambda seconds: executor.spin_once(timeout_sec=seconds))
-        executor.add_node(client)
+    with demo_node(RobotDemoClient if robot else DemoClient, stopping) as client:
         try:
             client.wait_for_suite(START_TIMEOUT)
             say(HEADER)
-            result = client.clear_table(
-                kind, seed, n_objects, lambda r: say(_last_line(r)), affordance
-            )
+            result = client.clear_table(scene, lambda r: say(_last_line(r)))
         except DemoError as problem:
             error = str(problem)
-        finally:
-            client.destroy_node()
-            executor.shutdown()
     for report in result.reports:
         if report.code:
             say(f"no grasp (code {report.code}): {report.message}")
@@ -79,7 +66,7 @@ def run_demo(
             result.attempts,
             load_gripper(GRIPPER),
             picture,
-            f"neugrasp: {kind}, seed {seed}: lifted {result.lifted} of "
+            f"neugrasp: {scene.kind}, seed {scene.seed}: lifted {result.lifted} of "
             f"{result.objects} in {len(result.attempts)} attempts",
         )
         say(f"picture: {picture}")
@@ -92,8 +79,8 @@ def run_demo(
             write_strip(client.frames, strip)
             say(f"film: {film}\nstrip: {strip}")
     return {
-        "scene": kind,
-        "seed": seed,
+        "scene": scene.kind,
+        "seed": scene.seed,
         "objects": result.objects,
         "lifted": result.lifted,
         "attempts": [asdict(attempt) for attempt in result.attempts],
