@@ -55,12 +55,25 @@ def run(args: argparse.Namespace) -> int:
     finally:
         supervisor.request_stop()
         watcher.join()
-    figures["command"] = f"neugrasp transport --seconds {args.seconds:g}"
     print(json.dumps(figures, indent=1))
     if args.json:
-        args.json.parent.mkdir(parents=True, exist_ok=True)
-        args.json.write_text(json.dumps(figures, indent=1) + "\n")
+        from neugrasp_ros.benchmark.report import write_report
+
+        write_report(args.json, figures | origin(args))
     return 0 if is_enough(figures) else 1
+
+
+def origin(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what it takes to repeat a measurement."""
+    from neugrasp_ros.benchmark.report import source_commit
+    from neugrasp_ros.model import default_weights, file_sha256
+
+    return {
+        "seed": args.seed,
+        "command": f"neugrasp transport --seconds {args.seconds:g} --seed {args.seed}",
+        "commit": source_commit(),
+        "weights_sha256": file_sha256(default_weights()),
+    }
 
 
 def is_enough(figures: dict[str, Any]) -> bool:

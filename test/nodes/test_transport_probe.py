@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
+import argparse
+
 import pytest
 
 pytest.importorskip("rclpy")
 
-from neugrasp_ros.cli.transport import is_enough  # noqa: E402
+from neugrasp_ros.cli.transport import is_enough, origin  # noqa: E402
 from neugrasp_ros.nodes.transport_probe import figures  # noqa: E402
 
 START = {
@@ -37,3 +39,11 @@ def test_lost_images_count():
 def test_a_slow_simulation_is_not_enough():
     found = figures(START, end(98 + 106, simulated=18.0), 10.0)
     assert found["real_time_factor"] == 0.8 and not is_enough(found)
+
+
+def test_the_record_says_how_to_repeat_it():
+    args = argparse.Namespace(seconds=60.0, seed=3)
+    made = origin(args)
+    assert made["seed"] == 3 and len(made["weights_sha256"]) == 64
+    assert made["command"] == "neugrasp transport --seconds 60 --seed 3"
+    assert "commit" in made
