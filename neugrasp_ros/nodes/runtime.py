@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import rclpy
-from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 
 from neugrasp_ros.errors import ConfigError, NeuGraspError
+from neugrasp_ros.nodes.executor import DRAIN_TIME, PatientExecutor
 from neugrasp_ros.resources import config_dir
 
 PROFILE_VARIABLES = (
@@ -157,7 +158,7 @@ def _run(
     threads: int,
 ) -> int:
     with ros(name, args, SignalHandlerOptions.NO):
-        executor = MultiThreadedExecutor(num_threads=threads)
+        executor = PatientExecutor(threads)
         try:
             stop = start(executor)
         except NeuGraspError as error:
@@ -166,8 +167,9 @@ def _run(
         try:
             _spin_until_signal(executor)
         finally:
+            executor.drain()
             stop()
-            executor.shutdown(timeout_sec=2.0)
+            executor.shutdown(DRAIN_TIME)
     return 0
 
 
@@ -214,4 +216,4 @@ class SpinThread:
         self._stopped.set()
         self._executor.wake()
         self._thread.join()
-        self._executor.shutdown(timeout_sec=2.0)
+        self._executor.shutdown(DRAIN_TIME)

@@ -23,11 +23,10 @@ class Spinner:
     """Nodes spinning in a background thread."""
 
     def __init__(self) -> None:
-        from rclpy.executors import MultiThreadedExecutor
-
+        from neugrasp_ros.nodes.executor import PatientExecutor
         from neugrasp_ros.nodes.runtime import SpinThread
 
-        self.executor = MultiThreadedExecutor(num_threads=8)
+        self.executor = PatientExecutor(8)
         self.nodes: list = []
         self._spinning = SpinThread(self.executor)
 

@@ -13,7 +13,6 @@ import rclpy  # noqa: E402
 from neugrasp_msgs.msg import Grasp, GraspArray  # noqa: E402
 from neugrasp_msgs.srv import SpawnScene, TryGrasp  # noqa: E402
 from rclpy.context import Context  # noqa: E402
-from rclpy.executors import MultiThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
@@ -27,6 +26,7 @@ from neugrasp_ros.geometry.transform import apply, invert  # noqa: E402
 from neugrasp_ros.nodes.compat.images import read_depth, read_intrinsics  # noqa: E402
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener  # noqa: E402
 from neugrasp_ros.nodes.conversions import from_pose, from_stamp  # noqa: E402
+from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
 from neugrasp_ros.nodes.qos import latched  # noqa: E402
 from neugrasp_ros.nodes.runtime import SpinThread, prepare  # noqa: E402
 from neugrasp_ros.nodes.settings import WorkspaceConfig  # noqa: E402
@@ -86,7 +86,7 @@ def cell(domain):
         SimBridgeNode(parameter_overrides=overrides, context=context),
         Listener(context),
     )
-    executor = MultiThreadedExecutor(num_threads=6, context=context)
+    executor = PatientExecutor(6, context=context)
     for node in (bridge, listener):
         executor.add_node(node)
     spinning = SpinThread(executor)
