@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 
 NANOSECONDS = 10**9
 LEAST_NORM = 0.5  # of a quaternion that is meant as one
+NONE = np.zeros((0, 3))  # contacts that are not known
 
 
 def to_stamp(nanoseconds: int) -> Time:
@@ -107,7 +108,7 @@ def to_grasp_array(grasps: GraspList) -> GraspArray:
 
 def _to_grasp(grasps: GraspList, reach: Reach, row: int, pose: Pose) -> Grasp:
     values = grasps.grasps
-    contacts = grasps.contacts[row] if len(grasps.contacts) else np.zeros((0, 3))
+    contacts = grasps.contacts[row] if np.isfinite(grasps.contacts[row]).all() else NONE
     return Grasp(
         id=values.ids[row],
         pose=pose,
@@ -176,9 +177,11 @@ def _affordances(items: list[Grasp]) -> FloatArray:
 
 
 def _contacts(items: list[Grasp]) -> FloatArray:
-    if not items or any(len(g.contacts) != 2 for g in items):
-        return np.zeros((0, 2, 3))
-    return np.array([[[p.x, p.y, p.z] for p in g.contacts] for g in items])
+    contacts = np.full((len(items), 2, 3), np.nan)
+    for row, grasp in enumerate(items):
+        if len(grasp.contacts) == 2:
+            contacts[row] = [[p.x, p.y, p.z] for p in grasp.contacts]
+    return contacts
 
 
 def _reach(items: list[Grasp]) -> Reach:

@@ -16,7 +16,7 @@ from neugrasp_ros.errors import NeuGraspError
 from neugrasp_ros.grasp.queries import parse_query
 from neugrasp_ros.nodes.grasp_list import GraspList, Reach
 from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
-from neugrasp_ros.nodes.planner_stages import Box, Staged
+from neugrasp_ros.nodes.planner_stages import Box, Staged, in_box
 from neugrasp_ros.nodes.requests import REACH_FIRST, REACH_LAST, Wanted
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.selection import ranked, with_query
@@ -24,6 +24,7 @@ from neugrasp_ros.nodes.settings import ServerConfig
 
 FloatArray = NDArray[np.float64]
 
+NEWEST = 0  # a stamp that means the newest transforms
 BATCH = 64  # candidates scored between two looks at the clock
 PROGRESS = {
     "fusion": 0.05,
@@ -50,6 +51,12 @@ class Stages(Protocol):
 
     def labels(self, deadline: float) -> tuple[str, ...]:
         """Return the affordance classes."""
+
+    def require_arms(self, arms: tuple[str, ...], deadline: float) -> None:
+        """Refuse planning groups that the robot does not have, naming those it has."""
+
+    def frames(self) -> tuple[str, ...]:
+        """Return the names of all known frames."""
 
     def scene(self, wanted: Wanted, newer_than: int, deadline: float) -> SceneView:
         """Return a scene as fresh as wanted, newer than a time in [ns] (0 = any)."""
@@ -141,20 +148,14 @@ class Detection:
     def _detect(self) -> None:
         stages, wanted, report = self._stages, self._wanted, self._outcome.report
         query = parse_query(wanted.affordance, stages.labels(self._deadline))
+        self._require_names()
         self._step("fusion")
         view = stages.scene(wanted, self._newer_than, self._deadline)
         report.views = view.volume.view_count
         report.seconds_fusion = view.seconds
+        stages.transform(wanted.frame_id, view.frame_id, NEWEST)  # or why not
         self._step("rendering")
-        staged = stages.sample(view, self._roi(view), wanted, self._deadline)
-        self._note(staged.seconds)
-        grasps = staged.grasps
-        report.sampled, report.after_filters = staged.sampled, len(grasps)
-        if not len(grasps):
-            raise DetectionError(
-                Code.NO_CANDIDATES,
-                "the sampler found no collision-free hand pose on the surface seen",
-            )
+        grasps = self._candidates(view)
         if wanted.reachability == REACH_FIRST:
             grasps = self._reachable(grasps)
         scored = with_query(self._score(grasps, view), query)
@@ -165,6 +166,30 @@ class Detection:
             best = self._reachable(best)
         self._outcome.grasps = self._answer(best)
         report.message = f"{len(self._outcome.grasps)} grasps"
+
+    def _require_names(self) -> None:
+        """Refuse unknown arms and frames before anything takes time.
+
+        Raises:
+            ConfigError: Naming the arms there are.
+            DetectionError: TF_ERROR, naming the frames there are.
+        """
+        wanted, usual = self._wanted, self._config.target_frame
+        if wanted.arms:
+            self._stages.require_arms(wanted.arms, self._deadline)
+        asked = {"frame_id": wanted.frame_id}
+        if wanted.roi is not None:
+            asked["roi_pose"] = wanted.roi_frame
+        for name, frame in asked.items():
+            if frame == usual:
+                continue  # a start without it is told by the link that lacks
+            known = self._stages.frames()
+            if frame.removeprefix("/") not in known:
+                raise DetectionError(
+                    Code.TF_ERROR,
+                    f"unknown frame {frame!r} in {name}; known: "
+                    f"{', '.join(known) or 'none'}",
+                )
 
     def _step(self, stage: str, best: GraspList | None = None) -> None:
         """Tell where we are; stop where that is wanted.
@@ -194,6 +219,32 @@ class Detection:
             return None
         T = self._stages.transform(view.frame_id, frame, view.stamp)
         return Box(T @ roi.T_frame_box, roi.size)
+
+    def _candidates(self, view: SceneView) -> GraspList:
+        """Sample where the request says; keep what holds the target of its mask."""
+        wanted, report = self._wanted, self._outcome.report
+        region = roi = self._roi(view)
+        T_frame_camera = np.eye(4)
+        if (target := wanted.target) is not None:
+            T_frame_camera = self._stages.transform(
+                view.frame_id, target.camera.frame_id, target.stamp or view.stamp
+            )
+            region = target.region(view, T_frame_camera, roi)
+        staged = self._stages.sample(view, region, wanted, self._deadline)
+        self._note(staged.seconds)
+        grasps = staged.grasps
+        report.sampled, why = staged.sampled, "on the surface seen"
+        if target is not None:
+            within = in_box(grasps.grasps.poses[:, :3, 3], roi)
+            grasps = grasps.take(within & target.held_by(grasps, T_frame_camera))
+            why = f"that holds what the mask covers, of {report.sampled} near it"
+        report.after_filters = len(grasps)
+        if not len(grasps):
+            raise DetectionError(
+                Code.NO_CANDIDATES,
+                f"the sampler found no collision-free hand pose {why}",
+            )
+        return grasps
 
     def _score(self, grasps: GraspList, view: SceneView) -> GraspList:
         """Score batch by batch, so that cancel and budget are seen in time."""
@@ -300,5 +351,10 @@ def joined(parts: list[GraspList]) -> GraspList:
             manipulability=np.concatenate([r.manipulability for r in reaches]),
             joints=tuple(j for r in reaches for j in r.joints),
         )
-    affordance = np.concatenate([part.affordance for part in parts])
-    return replace(parts[0], grasps=grasps, affordance=affordance, reach=reach)
+    return replace(
+        parts[0],
+        grasps=grasps,
+        affordance=np.concatenate([part.affordance for part in parts]),
+        contacts=np.concatenate([part.contacts for part in parts]),
+        reach=reach,
+    )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from neugrasp_ros.geometry.transform import apply
 from neugrasp_ros.grasp.types import GraspSet
 
 FloatArray = NDArray[np.float64]
@@ -90,8 +91,8 @@ class GraspList:
         info: What holds for all of them.
         grasps: Poses ``T_frame_gripper``, widths, scores, ids.
         affordance: Score of the queried affordance, shape (G,); NaN = no query.
-        contacts: Expected contact points in ``frame_id`` in [m], shape (G, 2, 3), or
-            (0, 2, 3) where none are known.
+        contacts: Expected contact points in ``frame_id`` in [m], shape (G, 2, 3); NaN
+            where none are known.
         reach: What the robot makes of them.
     """
 
@@ -106,6 +107,9 @@ class GraspList:
         if len(self.affordance) != len(self.grasps):
             missing = np.full(len(self.grasps), np.nan)
             object.__setattr__(self, "affordance", missing)
+        if len(self.contacts) != len(self.grasps):
+            nowhere = np.full((len(self.grasps), 2, 3), np.nan)
+            object.__setattr__(self, "contacts", nowhere)
 
     def __len__(self) -> int:
         """Return the number of grasps."""
@@ -119,18 +123,15 @@ class GraspList:
             self,
             grasps=self.grasps.take(rows),
             affordance=self.affordance[rows],
-            contacts=self.contacts[rows] if len(self.contacts) else self.contacts,
+            contacts=self.contacts[rows],
             reach=self.reach.take(rows) if self.reach else None,
         )
 
     def moved(self, T_new_old: FloatArray, frame_id: str) -> "GraspList":
         """Return the same grasps seen from another frame."""
-        contacts = self.contacts
-        if len(contacts):
-            contacts = contacts @ T_new_old[:3, :3].T + T_new_old[:3, 3]
         return replace(
             self,
             info=replace(self.info, frame_id=frame_id),
             grasps=replace(self.grasps, poses=T_new_old @ self.grasps.poses),
-            contacts=contacts,
+            contacts=apply(T_new_old, self.contacts),
         )

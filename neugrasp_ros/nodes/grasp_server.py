@@ -13,22 +13,25 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import Executor
 from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
 
 from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.nodes.compat.images import read_intrinsics
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener
 from neugrasp_ros.nodes.conversions import to_grasp_array
 from neugrasp_ros.nodes.detection import Detection, Outcome, Progress, Stages
 from neugrasp_ros.nodes.grasp_list import GraspList
 from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
 from neugrasp_ros.nodes.params import declare_config
-from neugrasp_ros.nodes.qos import newest
+from neugrasp_ros.nodes.qos import newest, overrides, sensor_input
 from neugrasp_ros.nodes.remote_stages import RemoteStages
 from neugrasp_ros.nodes.requests import SCENES, read_request
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.selection import describe
 from neugrasp_ros.nodes.settings import ServerConfig
+from neugrasp_ros.nodes.target_mask import Camera
 from neugrasp_ros.nodes.transforms import Transforms
-from neugrasp_ros.nodes.work import log_bug
+from neugrasp_ros.nodes.work import log_bug, shielded
 
 NAME = "grasp_server"
 LIST_TIME = 5.0  # [s]
@@ -48,6 +51,7 @@ class GraspServerNode(Node):
         self._stages = stages
         self._turn = threading.Lock()  # held by the one request that runs
         self._preempted = threading.Event()
+        self._camera: Camera | None = None  # that the masks of requests belong to
         self._executed = 0  # when a grasp was last executed [ns]
         self._answered = self.create_publisher(GraspArray, "grasps/answered", newest())
         group = ReentrantCallbackGroup()
@@ -57,6 +61,14 @@ class GraspServerNode(Node):
             self._on_executed,
             newest(),
             callback_group=group,
+        )
+        self.create_subscription(
+            CameraInfo,
+            "depth/camera_info",
+            shielded(self, self._on_camera_info),
+            sensor_input(1),
+            callback_group=group,
+            qos_overriding_options=overrides(),
         )
         self.create_service(
             ListAffordances, "list_affordances", self._on_list, callback_group=group
@@ -76,6 +88,9 @@ class GraspServerNode(Node):
 
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)
+
+    def _on_camera_info(self, info: CameraInfo) -> None:
+        self._camera = Camera(read_intrinsics(info), info.header.frame_id)
 
     def _on_executed(self, _: GraspArray) -> None:
         self._executed = self._now()
@@ -126,7 +141,7 @@ class GraspServerNode(Node):
         outcome = Outcome()
         try:
             config = self._config.current
-            wanted = read_request(request, config)
+            wanted = read_request(request, config, self._camera)
             if not self._turn.acquire(timeout=wanted.timeout):
                 raise DetectionError(
                     Code.TIMEOUT, f"another request ran for {wanted.timeout} s"

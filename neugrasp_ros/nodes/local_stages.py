@@ -60,6 +60,14 @@ class LocalStages(Stages):
         """Return the affordance classes."""
         return loaded(self.evaluator).labels
 
+    def require_arms(self, arms: tuple[str, ...], deadline: float) -> None:
+        """Refuse planning groups that the robot does not have."""
+        loaded(self.reach).require_arms(arms)
+
+    def frames(self) -> tuple[str, ...]:
+        """Return the names of all known frames."""
+        return self._transforms.frames()
+
     def scene(self, wanted: Wanted, newer_than: int, deadline: float) -> SceneView:
         """Return a scene as fresh as wanted."""
         if wanted.scene == SCENES["reset"]:

@@ -61,6 +61,9 @@ class Planner(Protocol):
     ) -> GraspSet:
         """Propose grasps."""
 
+    def contacts(self, scene: Any, grasps: GraspSet) -> FloatArray:
+        """Return the expected contacts of grasps (G, 2, 3), NaN = none."""
+
     def evaluate(
         self, scene: Any, grasps: GraspSet, *, support_height: float
     ) -> GraspSet:
@@ -156,19 +159,20 @@ class RendererStage:
         config, planner = self._config.current, self._shared.planner
         require_surface(view, roi, config.support_height)
         with self._shared.timed() as seconds:
+            scene = planner.encode(view.volume, view.revision)
             grasps = planner.sample(
-                planner.encode(view.volume, view.revision),
+                scene,
                 support_height=config.support_height,
                 roi=_bounds(invert(view.T_frame_task), roi) if roi else None,
                 max_candidates=max_candidates,
                 seed=seed or int(np.random.default_rng().integers(1, 2**31)),
             )
-        grasps = replace(grasps, poses=view.T_frame_task @ grasps.poses)
-        inside = grasps.take(_inside(grasps.poses[:, :3, 3], roi))
-        found = replace(
-            self.nothing(view).grasps, grasps=inside, affordance=np.zeros(0)
-        )
-        return Staged(found, seconds, sampled=len(grasps))
+            contacts = planner.contacts(scene, grasps)
+        info = self.nothing(view).grasps.info
+        found = GraspList(info, grasps, contacts=contacts)
+        found = found.moved(view.T_frame_task, view.frame_id)
+        inside = in_box(found.grasps.poses[:, :3, 3], roi)
+        return Staged(found.take(inside), seconds, sampled=len(grasps))
 
     def nothing(self, view: SceneView) -> Staged:
         """Return an empty list of candidates of a scene."""
@@ -221,7 +225,7 @@ def require_surface(view: SceneView, roi: Box | None, support: float) -> None:
     points, _ = seen_surface(volume)
     points = points[points[:, 2] > support + ABOVE_SUPPORT]
     points = apply(view.T_frame_task, points)
-    points = points[_inside(points, roi)]
+    points = points[in_box(points, roi)]
     if len(points) < LEAST_POINTS:
         where = "workspace" if roi is None else "region of interest"
         raise DetectionError(
@@ -231,8 +235,8 @@ def require_surface(view: SceneView, roi: Box | None, support: float) -> None:
         )
 
 
-def _inside(points: FloatArray, roi: Box | None) -> NDArray[np.bool_]:
-    """Tell which points (N, 3) of the box's frame are in the box."""
+def in_box(points: FloatArray, roi: Box | None) -> NDArray[np.bool_]:
+    """Tell which points (N, 3) of the box's frame are in the box; None = all."""
     if roi is None or not len(points):
         return np.ones(len(points), dtype=bool)
     local = np.abs(apply(invert(roi.T_frame_box), points))
@@ -312,7 +316,7 @@ class EvaluatorStage:
         )
 
     def evaluate(self, grasps: GraspList, view: SceneView) -> Staged:
-        """Score grasps; ids and order stay.
+        """Score grasps and fill in missing contacts; ids and order stay.
 
         Raises:
             DetectionError: If the grasps are given in another frame than the volume.
@@ -331,11 +335,15 @@ class EvaluatorStage:
         if not len(grasps):
             return Staged(replace(grasps, info=replace(info, stage=STAGE_SCORED)), {})
         with self._shared.timed() as seconds:
+            scene = planner.encode(view.volume, view.revision)
             scored = planner.evaluate(
-                planner.encode(view.volume, view.revision),
-                in_task,
-                support_height=self._config.current.support_height,
+                scene, in_task, support_height=self._config.current.support_height
             )
+            contacts = grasps.contacts.copy()
+            missing = np.flatnonzero(np.isnan(contacts).any(axis=(1, 2)))
+            found = planner.contacts(scene, in_task.take(missing))
+            contacts[missing] = apply(view.T_frame_task, found)
         scored = replace(scored, poses=grasps.grasps.poses)
         info = replace(info, stage=STAGE_SCORED, labels=planner.affordances)
-        return Staged(replace(grasps, info=info, grasps=scored), seconds)
+        done = replace(grasps, info=info, grasps=scored, contacts=contacts)
+        return Staged(done, seconds)

@@ -183,6 +183,18 @@ class ReachStage:
         """Take the newest scene as what the robot must not hit."""
         self._view = view
 
+    def require_arms(self, arms: tuple[str, ...]) -> None:
+        """Refuse planning groups that the robot does not have.
+
+        Raises:
+            ConfigError: Naming one of them, and those there are.
+        """
+        unknown = sorted(set(arms) - set(self._checker.arms))
+        if unknown:
+            raise ConfigError(
+                f"unknown arm {unknown[0]!r}; known: {', '.join(self._checker.arms)}"
+            )
+
     def check(
         self,
         grasps: GraspList,
@@ -200,12 +212,10 @@ class ReachStage:
             ConfigError: If an arm is unknown.
             DetectionError: If the frame is not connected to the robot's base.
         """
-        unknown = sorted(set(arms) - set(self._checker.arms))
-        if unknown:
-            raise ConfigError(
-                f"unknown arm {unknown[0]!r}; known: {', '.join(self._checker.arms)}"
-            )
+        self.require_arms(arms)
         info = grasps.info
+        if not len(grasps):
+            return replace(grasps, info=replace(info, stage=STAGE_REACHABLE))
         T = self._transforms(self._checker.base_frame, info.frame_id, info.stamp)
         checked = self._checker.check(
             T @ grasps.grasps.poses,

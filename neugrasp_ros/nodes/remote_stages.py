@@ -86,6 +86,16 @@ class RemoteStages(Stages):
         """Return the affordance classes."""
         return tuple(call(self._list, ListAffordances.Request(), deadline).labels)
 
+    def require_arms(self, arms: tuple[str, ...], deadline: float) -> None:
+        """Refuse planning groups that the robot does not have."""
+        request = CheckReachability.Request(arms=list(arms))
+        request.grasps.header.frame_id = "any"  # there is no grasp to look up
+        _good(call(self._check, request, deadline))
+
+    def frames(self) -> tuple[str, ...]:
+        """Return the names of all known frames."""
+        return self._transforms.frames()
+
     def scene(self, wanted: Wanted, newer_than: int, deadline: float) -> SceneView:
         """Return a scene as fresh as wanted."""
         if wanted.scene == SCENES["reset"]:

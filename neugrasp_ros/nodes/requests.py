@@ -9,11 +9,11 @@ from builtin_interfaces.msg import Duration
 from neugrasp_msgs.srv import DetectGrasps
 
 from neugrasp_ros.errors import ConfigError, DepthImageError
-from neugrasp_ros.nodes.compat.images import read_mask
 from neugrasp_ros.nodes.conversions import from_pose, from_stamp
 from neugrasp_ros.nodes.outcomes import Code, DetectionError
 from neugrasp_ros.nodes.planner_stages import Box
 from neugrasp_ros.nodes.settings import ServerConfig
+from neugrasp_ros.nodes.target_mask import Camera, Target, read_target
 
 Request = DetectGrasps.Request
 
@@ -42,6 +42,7 @@ class Wanted:
         frame_id: Frame of the answer.
         roi: Region to look in, None = everywhere; its frame is ``roi_frame``.
         roi_frame: Frame that the region is given in.
+        target: What the mask covers; None = everything.
         arms: Planning groups to try; empty = all.
         reachability: ``REACH_OFF``, ``REACH_LAST`` or ``REACH_FIRST``.
         scene: ``SCENE_*``.
@@ -59,6 +60,7 @@ class Wanted:
     frame_id: str
     roi: Box | None
     roi_frame: str
+    target: Target | None
     arms: tuple[str, ...]
     reachability: int
     scene: int
@@ -68,27 +70,31 @@ class Wanted:
     seed: int
 
 
-def read_request(request: Any, config: ServerConfig) -> Wanted:
+def read_request(
+    request: Any, config: ServerConfig, camera: Camera | None = None
+) -> Wanted:
     """Check a request of the service or the action.
 
+    Args:
+        request: The request.
+        config: What stands for fields left open.
+        camera: The depth camera that a mask belongs to, as far as it is known.
+
     Raises:
-        DetectionError: INVALID_REQUEST, naming the field.
+        DetectionError: INVALID_REQUEST, naming the field; or NO_CAMERA_INFO.
     """
     try:
-        return _read(request, config)
+        return _read(request, config, camera)
     except (ConfigError, DepthImageError) as error:
         raise DetectionError(Code.INVALID_REQUEST, str(error)) from error
 
 
-def _read(request: Any, config: ServerConfig) -> Wanted:
+def _read(request: Any, config: ServerConfig, camera: Camera | None) -> Wanted:
     if request.reachability not in (REACH_OFF, REACH_LAST, REACH_FIRST):
         raise ConfigError(f"reachability must be 0, 1 or 2, got {request.reachability}")
     if request.scene not in SCENES.values():
         raise ConfigError(f"scene must be 0, 1 or 2, got {request.scene}")
     roi = read_roi(request)
-    if request.mask.width or request.mask.height or len(request.mask.data):
-        read_mask(request.mask)
-        raise ConfigError("mask is not supported yet; use roi_pose and roi_size")
     return Wanted(
         affordance=request.affordance,
         min_quality=_share(request, "min_quality", config.min_quality),
@@ -98,6 +104,7 @@ def _read(request: Any, config: ServerConfig) -> Wanted:
         frame_id=request.frame_id or config.target_frame,
         roi=roi,
         roi_frame=request.roi_pose.header.frame_id or config.target_frame,
+        target=read_target(request.mask, camera),
         arms=tuple(request.arms),
         reachability=request.reachability,
         scene=request.scene or SCENES[config.scene],

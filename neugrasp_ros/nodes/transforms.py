@@ -5,7 +5,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.time import Time
 
-from neugrasp_ros.nodes.compat.tf import Buffer, TransformException, from_transform
+from neugrasp_ros.nodes.compat.tf import (
+    Buffer,
+    TransformException,
+    frame_names,
+    from_transform,
+)
 from neugrasp_ros.nodes.outcomes import Code, DetectionError
 
 
@@ -19,8 +24,12 @@ class Transforms:
     def __init__(self, buffer: Buffer) -> None:
         self._buffer = buffer
 
+    def frames(self) -> tuple[str, ...]:
+        """Return the names of all known frames."""
+        return frame_names(self._buffer)
+
     def __call__(self, target: str, source: str, stamp: int) -> NDArray[np.float64]:
-        """Return ``T_target_source`` at a time in [ns], shape (4, 4).
+        """Return ``T_target_source`` at a time in [ns], 0 = the newest, (4, 4).
 
         Raises:
             DetectionError: TF_ERROR, naming the link.

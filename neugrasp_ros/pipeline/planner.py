@@ -16,6 +16,7 @@ from neugrasp_ros.config import PlannerConfig, ReferenceConfig
 from neugrasp_ros.errors import ConfigError, RevisionError
 from neugrasp_ros.fusion.tsdf import TsdfVolume
 from neugrasp_ros.geometry.gripper import Gripper, load_gripper
+from neugrasp_ros.grasp.contacts import expected_contacts
 from neugrasp_ros.grasp.sampling import Proposals, SamplerConfig, choose, propose
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.model import GraspNetwork, default_weights, file_sha256, load_network
@@ -270,6 +271,13 @@ class GraspPlanner:
                 support_height=support_height,
             )
         return known[key]
+
+    def contacts(self, scene: EncodedScene, grasps: GraspSet) -> FloatArray:
+        """Return where grasps will touch, see ``grasp.contacts``, shape (G, 2, 3)."""
+        with self._lock, self._timed("local_rendering"):
+            return expected_contacts(
+                scene.field, grasps.poses, self.gripper, threads=self._threads
+            )
 
     def evaluate(
         self,

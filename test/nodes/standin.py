@@ -58,6 +58,12 @@ class SurfacePlanner:
         self.timings["sampling"] = 0.001
         return GraspSet(canonical_gripper(poses), np.full(len(tops), 0.06))
 
+    def contacts(self, scene, grasps):
+        """Return points half a width to both sides of the TCP."""
+        sideways = grasps.poses[:, None, :3, 1] * grasps.widths[:, None, None] / 2
+        middle = grasps.poses[:, None, :3, 3]
+        return np.concatenate([middle + sideways, middle - sideways], axis=1)
+
     def evaluate(self, scene, grasps, *, support_height):
         height = grasps.poses[:, 2, 3] - support_height
         quality = np.clip(0.6 + 4 * height, 0.0, 1.0)

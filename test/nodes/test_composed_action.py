@@ -13,7 +13,6 @@ from neugrasp_msgs.action import DetectGrasps as DetectAction  # noqa: E402
 from neugrasp_msgs.msg import DetectionReport  # noqa: E402
 from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
 from nodes.bench import LEFT, RIGHT, Bench, ask, duration, result  # noqa: E402
-from nodes.camera_node import ClientNode  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -46,18 +45,12 @@ def test_two_clients_at_once_are_answered_one_after_the_other(bench, monkeypatch
 
     monkeypatch.setattr(stages, "request", counted)
     bench.show(LEFT, RIGHT)
-    other = ClientNode()
-    bench.executor.add_node(other)
-    try:
-        futures = [
-            node.client.call_async(DetectGrasps.Request(seed=1))
-            for node in (bench.user, other, bench.user, other)
-            if node.client.wait_for_service(timeout_sec=10.0)
-        ]
-        answers = [result(future) for future in futures]
-    finally:
-        bench.executor.remove_node(other)
-        other.destroy_node()
+    futures = [
+        node.client.call_async(DetectGrasps.Request(seed=1))
+        for node in (bench.user, bench.other, bench.user, bench.other)
+        if node.client.wait_for_service(timeout_sec=10.0)
+    ]
+    answers = [result(future) for future in futures]
     assert len(answers) == 4 and all(answer.success for answer in answers)
     assert most == [1] * 4
 

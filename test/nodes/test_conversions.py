@@ -107,7 +107,17 @@ def test_what_is_not_computed_says_so():
     assert not grasp.affordance_scores and not grasp.contacts
     assert not grasp.joint_positions
     back = from_grasp_array(to_grasp_array(bare))
-    assert back.contacts.shape == (0, 2, 3) and np.isnan(back.affordance).all()
+    assert back.contacts.shape == (1, 2, 3) and np.isnan(back.contacts).all()
+    assert np.isnan(back.affordance).all()
+
+
+def test_contacts_may_be_known_of_some_grasps_only():
+    grasps = filled()
+    contacts = grasps.contacts.copy()
+    contacts[1] = np.nan
+    array = to_grasp_array(replace(grasps, contacts=contacts))
+    assert [len(grasp.contacts) for grasp in array.grasps] == [2, 0, 2]
+    np.testing.assert_array_equal(from_grasp_array(array).contacts, contacts)
 
 
 def test_a_foreign_array_with_little_in_it_is_taken():

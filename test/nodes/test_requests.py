@@ -10,12 +10,23 @@ from neugrasp_msgs.action import DetectGrasps as DetectAction  # noqa: E402
 from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 
+from neugrasp_ros.geometry.camera import Intrinsics  # noqa: E402
 from neugrasp_ros.nodes.outcomes import Code, DetectionError  # noqa: E402
 from neugrasp_ros.nodes.requests import read_request  # noqa: E402
 from neugrasp_ros.nodes.settings import ServerConfig  # noqa: E402
+from neugrasp_ros.nodes.target_mask import Camera  # noqa: E402
 
 NAN, INF = float("nan"), float("inf")
 CUBE = Vector3(x=0.1, y=0.1, z=0.1)
+
+
+CAMERA = Camera(Intrinsics(4, 3, 5.0, 5.0, 1.5, 1.0), "camera")
+
+
+def mask(*, width=4, encoding="mono8", frame="", value=255) -> Image:
+    image = Image(height=3, width=width, encoding=encoding, data=[value] * 3 * width)
+    image.header.frame_id = frame
+    return image
 
 
 def box(**pose) -> dict:
@@ -32,7 +43,12 @@ def test_an_empty_request_means_the_parameters(kind):
     wanted = read_request(kind(), config)
     assert (wanted.max_grasps, wanted.min_quality, wanted.timeout) == (7, 0.25, 3.0)
     assert wanted.scene == kind.SCENE_FRESH and wanted.reachability == kind.REACH_LAST
-    assert wanted.roi is None and wanted.arms == () and wanted.budget == 0.0
+    assert (
+        wanted.target is None
+        and wanted.roi is None
+        and wanted.arms == ()
+        and wanted.budget == 0.0
+    )
     assert wanted.frame_id == "base_footprint" == wanted.roi_frame
 
 
@@ -51,6 +67,20 @@ def test_a_region_is_a_box_about_its_pose():
     assert wanted.roi is not None and wanted.roi_frame == "map"
     np.testing.assert_allclose(wanted.roi.T_frame_box[:3, 3], [0.5, 0.1, 0.7])
     np.testing.assert_allclose(wanted.roi.size, 0.1)
+
+
+def test_a_mask_names_the_target():
+    request = DetectGrasps.Request(mask=mask(frame="camera"))
+    request.mask.header.stamp.sec = 7
+    target = read_request(request, ServerConfig(), CAMERA).target
+    assert target.pixels.shape == (3, 4) and target.pixels.all()
+    assert target.camera is CAMERA and target.stamp == 7 * 10**9
+
+
+def test_a_mask_without_a_camera_says_what_is_missing():
+    with pytest.raises(DetectionError, match="a mask needs depth/camera_info") as error:
+        read_request(DetectGrasps.Request(mask=mask()), ServerConfig())
+    assert error.value.code is Code.NO_CAMERA_INFO
 
 
 @pytest.mark.parametrize(
@@ -75,14 +105,14 @@ def test_a_region_is_a_box_about_its_pose():
             {"mask": Image(height=2, width=2, encoding="mono8")},
             "a 2x2 mono8 image needs 4 bytes, got 0",
         ),
-        (
-            {"mask": Image(height=1, width=1, encoding="mono8", data=[1])},
-            "mask is not supported yet; use roi_pose and roi_size",
-        ),
+        ({"mask": mask(width=2)}, "mask is 2x3, but depth/camera_info says 4x3"),
+        ({"mask": mask(encoding="rgb8")}, "image encoding 'rgb8'; expected one of mon"),
+        ({"mask": mask(frame="wrist")}, "mask is of camera 'wrist', but depth/camera_"),
+        ({"mask": mask(value=0)}, "mask: no pixel is set"),
     ],
 )
 def test_a_bad_field_is_refused_by_name(fields, sentence):
     with pytest.raises(DetectionError) as caught:
-        read_request(DetectGrasps.Request(**fields), ServerConfig())
+        read_request(DetectGrasps.Request(**fields), ServerConfig(), CAMERA)
     assert caught.value.code is Code.INVALID_REQUEST
     assert sentence in caught.value.sentence

@@ -21,13 +21,15 @@ from neugrasp_msgs.srv import (  # noqa: E402
     ListAffordances,
     SampleGrasps,
 )
+from nodes.bench import PATIENT, mask_of  # noqa: E402
 from nodes.camera_node import CameraNode, ClientNode  # noqa: E402
 from nodes.standin import SurfacePlanner, make_side_checker  # noqa: E402
-from rclpy.executors import MultiThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from neugrasp_ros.nodes.composed import Suite  # noqa: E402
 from neugrasp_ros.nodes.conversions import from_grasp_array, from_tsdf  # noqa: E402
+from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
 from neugrasp_ros.nodes.grasp_evaluator import GraspEvaluatorNode  # noqa: E402
 from neugrasp_ros.nodes.grasp_server import GraspServerNode  # noqa: E402
 from neugrasp_ros.nodes.planner_stages import SharedPlanner  # noqa: E402
@@ -53,7 +55,7 @@ def make_planner(config) -> SharedPlanner:
 
 class Bench:
     def __init__(self) -> None:
-        self.executor = MultiThreadedExecutor(num_threads=20)
+        self.executor = PatientExecutor(20)
         self.camera, self.user = CameraNode(), ClientNode()
         self.other = ClientNode(namespace="one")
         self.nodes = [self.camera, self.user, self.other]
@@ -73,6 +75,8 @@ class Bench:
             self.executor, make_planner, make_side_checker,
             namespace="one", cli_args=CAMERA_TOPICS,
         )  # fmt: skip
+        late = Parameter("max_depth_age", value=PATIENT)
+        self.suite.nodes[0].set_parameters([late])
         self.suite.load()
 
     def stop(self) -> None:
@@ -108,7 +112,8 @@ def test_while_the_nodes_start_the_server_names_those_that_are_missing(
     assert report.code == DetectionReport.NOT_ACTIVE
     for name in ("tsdf_fusion", "scene_renderer", "grasp_evaluator"):
         assert name in report.message
-    bench.add(TsdfFusionNode())
+    late = Parameter("max_depth_age", value=PATIENT)
+    bench.add(TsdfFusionNode(parameter_overrides=[late]))
     bench.add(SceneRendererNode(make_planner))
     bench.add(ReachabilityFilterNode(make_side_checker))
     wait_until(lambda: "tsdf_fusion" not in bench.user.ask().report.message)
@@ -135,6 +140,23 @@ def test_separate_and_composed_give_the_same_grasps_and_scores(bench, wait_until
     for report in (separate.report, composed.report):
         assert report.sampled and report.after_reachability == len(a)
         assert report.seconds_quality > 0 and report.seconds_fusion > 0
+
+
+def test_masks_and_unknown_names_are_treated_alike_in_both(bench):
+    show(bench, LEFT, RIGHT)
+    for user in (bench.user, bench.other):
+        left = user.ask(scene=FRESH, mask=mask_of(bench, LEFT))
+        assert left.success and len(left.grasps.grasps)
+        assert all(g.pose.position.y > 0 for g in left.grasps.grasps)
+        assert all(len(g.contacts) == 2 for g in left.grasps.grasps)
+        arm = user.ask(arms=["arm_left_torso", "tail"]).report
+        assert arm.code == DetectionReport.INVALID_REQUEST and not arm.views
+        assert arm.message == (
+            "unknown arm 'tail'; known: arm_left_torso, arm_right_torso"
+        )
+        frame = user.ask(frame_id="attic").report
+        assert frame.code == DetectionReport.TF_ERROR and not frame.views
+        assert frame.message.startswith("unknown frame 'attic' in frame_id; known: ba")
 
 
 def test_affordances_are_queried_alike_in_both(bench):

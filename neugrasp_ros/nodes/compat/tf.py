@@ -2,6 +2,7 @@
 """tf2 where it is installed, our stand-in where it is not."""
 
 import numpy as np
+import yaml
 from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
@@ -34,9 +35,16 @@ __all__ = [
     "TransformBroadcaster",
     "TransformException",
     "TransformListener",
+    "frame_names",
     "from_transform",
     "to_transform",
 ]
+
+
+def frame_names(buffer: Buffer) -> tuple[str, ...]:
+    """Return the names of all frames that a buffer knows, sorted."""
+    links = yaml.safe_load(buffer.all_frames_as_yaml()) or {}
+    return tuple(sorted({*links, *(link["parent"] for link in links.values())}))
 
 
 def from_transform(message: TransformStamped) -> NDArray[np.float64]:

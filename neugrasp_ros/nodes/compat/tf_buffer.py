@@ -155,6 +155,14 @@ class Buffer:
             }
             return tuple(sorted(parents | set(self._tracks)))
 
+    def all_frames_as_yaml(self) -> str:
+        """Return each child frame with its parent, as YAML."""
+        with self._lock:
+            return "".join(
+                f"{child!r}: {{parent: {(t.static or t.samples[-1]).parent!r}}}\n"
+                for child, t in self._tracks.items()
+            )
+
     def lookup_transform(
         self,
         target_frame: str,

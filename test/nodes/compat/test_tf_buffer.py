@@ -10,7 +10,7 @@ from rclpy.time import Time  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
 from neugrasp_ros.geometry.transform import make_transform, translation  # noqa: E402
-from neugrasp_ros.nodes.compat.tf import from_transform  # noqa: E402
+from neugrasp_ros.nodes.compat.tf import frame_names, from_transform  # noqa: E402
 from neugrasp_ros.nodes.compat.tf_buffer import (  # noqa: E402
     Buffer,
     ConnectivityException,
@@ -45,6 +45,15 @@ def filled() -> Buffer:
             to_transform(T_base_arm, "base", "arm", second * SECOND), ""
         )
     return buffer
+
+
+def test_frames_are_named_once_each_whatever_their_names():
+    buffer = filled()
+    assert frame_names(buffer) == ("arm", "base", "camera", "goal", "hand", "map")
+    assert frame_names(Buffer()) == ()
+    link = to_transform(np.eye(4), "it's", "1: [a", 0)
+    buffer.set_transform_static(link, "")
+    assert {"it's", "1: [a"} <= set(frame_names(buffer))
 
 
 def look(buffer: Buffer, target: str, source: str, seconds: float) -> np.ndarray:
