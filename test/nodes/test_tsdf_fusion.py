@@ -19,7 +19,9 @@ BOX = (0.15, 0.15, 0.07)
 
 class Rig:
     def __init__(self, spinner, **parameters) -> None:
-        overrides = [Parameter(name, value=v) for name, v in parameters.items()]
+        patient = {"max_depth_age": 30.0}  # [s]; on a busy machine images come late
+        given = patient | parameters
+        overrides = [Parameter(name, value=v) for name, v in given.items()]
         self.fusion = spinner.add(TsdfFusionNode(parameter_overrides=overrides))
         self.camera = spinner.add(CameraNode())
         self.user = spinner.add(ClientNode())
