@@ -153,7 +153,8 @@ class Predictions(NamedTuple):
         judged: Grasps whose label is known, shape (N,).
         affordances: Probability per class, shape (N, A).
         afforded: 0 or 1, shape (N, A); meaningless where not known.
-        known: Grasps that hold and whose affordances are known, shape (N,).
+        known: Grasps whose affordances are known and that hold, as far as they were
+            tried, shape (N,).
     """
 
     quality: NDArray[np.float32]
@@ -186,5 +187,5 @@ def _predict_entry(network: GraspNetwork, entry: GraspEntry) -> Predictions:
         batch.judged.numpy(),
         network.affordance_probability(affordance).numpy(),
         batch.affordances.numpy(),
-        (batch.known & (batch.labels > 0)).numpy(),
+        (batch.known & ((batch.labels > 0) | ~batch.judged)).numpy(),
     )

@@ -10,7 +10,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.training.batches import GraspCache
-from neugrasp_ros.training.grasps import save_grasps
+from neugrasp_ros.training.grasps import NOT_KNOWN, save_grasps
 from neugrasp_ros.training.loop import optimise
 from neugrasp_ros.training.metrics import average_precision, roc_auc
 from neugrasp_ros.training.quality import (
@@ -126,6 +126,14 @@ def test_predictions_are_calibrated_probabilities_with_their_labels(cache, netwo
     assert ((scores.quality > 0) & (scores.quality < 1)).all()
     assert scores.labels.mean() == 0.5
     np.testing.assert_array_equal(scores.known, scores.labels == 1)
+    entry = cache.entries[0]
+    untried = replace(
+        entry,
+        judged=np.zeros(12, dtype=bool),
+        labels=np.zeros(12, dtype=np.uint8),
+        affordances=np.where(entry.labels[:, None] > 0, 1, NOT_KNOWN).astype(np.uint8),
+    )
+    np.testing.assert_array_equal(predict(network, [untried]).known, entry.labels == 1)
     network.calibration.copy_(torch.tensor([0.0, 2.0]))
     network.affordance_calibration[1] = torch.tensor([0.0, -1.0])
     calibrated = predict(network, cache.entries)
