@@ -5,10 +5,13 @@ Local surfaces are rendered from the network's own occupancy field, never from t
 truth: a detector trained on true surfaces meets other ones at work (learning sheet, 2).
 """
 
+import logging
 import os
+import time
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.config import RenderConfig
 from neugrasp_ros.datagen.labels import SceneLabels
+from neugrasp_ros.datagen.pool import process_pool
 from neugrasp_ros.errors import ShardError
 from neugrasp_ros.geometry.raycast import MeshScene
 from neugrasp_ros.geometry.transform import pose_from
@@ -41,6 +45,9 @@ from sim_bridge.objects.affordances import AFFORDANCES
 from sim_bridge.objects.grasp_labels import nearest_classes, scene_class_points
 from sim_bridge.scene import Scene, placed_model
 
+LOGGER = logging.getLogger(__name__)
+
+REPORT_SECONDS = 15.0
 LOCAL_NOISE = 0.003  # [m], spread of the points of the local occupancy loss
 NOT_KNOWN = 255  # of an affordance
 PART_REACH = 0.008  # [m], how far from a part a point may be and still be its
@@ -237,6 +244,7 @@ def cache_grasps(
     *,
     n_views: int,
     seed: int,
+    workers: int = 1,
 ) -> int:
     """Look at labelled scenes from several sides and keep what is seen.
 
@@ -249,20 +257,60 @@ def cache_grasps(
         folder: Where the entries go.
         n_views: Views per scene.
         seed: Seed of views and noise, together with the scene's number.
+        workers: Processes; 1 stays in this one. What is seen does not depend on it.
 
     Returns:
         How many entries were added.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    todo = [labels for labels in scenes if len(labels.grasps)]
+    look = partial(_look_at, network=network, folder=folder, n_views=n_views, seed=seed)
+    if workers <= 1:
+        return sum(_reported(map(look, todo), len(todo)))
+    with process_pool(workers) as pool:
+        done = pool.map(partial(_alone, look), todo, chunksize=8)
+        return sum(_reported(done, len(todo)))
+
+
+def _alone(look: Callable[[SceneLabels], int], labels: SceneLabels) -> int:
+    """Look with one thread: the other cores have processes of their own."""
+    torch.set_num_threads(1)
+    return look(labels)
+
+
+def _look_at(
+    labels: SceneLabels,
+    *,
+    network: SceneNetwork,
+    folder: Path,
+    n_views: int,
+    seed: int,
+) -> int:
+    """Keep the views of one scene that are missing; return how many were added."""
     added = 0
-    for labels in scenes:
-        for view in range(n_views):
-            path = folder / f"{labels.index:07d}_{view}.npz"
-            if path.exists() or not len(labels.grasps.labels):
-                continue
-            rng = np.random.default_rng([seed, labels.index, view])
-            entry = view_grasps(labels, network, rng)
-            if entry is not None:
-                save_grasps(entry, path)
-                added += 1
+    for view in range(n_views):
+        path = folder / f"{labels.index:07d}_{view}.npz"
+        if path.exists():
+            continue
+        rng = np.random.default_rng([seed, labels.index, view])
+        entry = view_grasps(labels, network, rng)
+        if entry is not None:
+            save_grasps(entry, path)
+            added += 1
     return added
+
+
+def _reported(counts: Iterable[int], n_scenes: int) -> Iterator[int]:
+    """Pass counts on; log a line with a rate every quarter of a minute."""
+    start = said = time.monotonic()
+    for done, count in enumerate(counts, start=1):
+        now = time.monotonic()
+        if now - said > REPORT_SECONDS:
+            said = now
+            rate = done / (now - start)
+            left = (n_scenes - done) / rate / 60
+            LOGGER.info(
+                "looked at the grasps of %d/%d scenes  %.2f scenes/s  %.0f min left",
+                done, n_scenes, rate, left,
+            )  # fmt: skip
+        yield count

@@ -111,7 +111,7 @@ def _run_stages(
             render_scenes(tune, run.folder / "tune_scenes", run.workers)
     for config in run.stages:
         torch.set_num_threads(config.threads or torch.get_num_threads())
-        train_stage(network, config, run.folder, scenes)
+        train_stage(network, config, run.folder, scenes, run.workers)
         network.cpu()
         LOGGER.info("stage %s is done", config.stage)
     network.eval()
@@ -156,8 +156,9 @@ def train_stage(
     config: TrainConfig,
     folder: Path,
     scenes: Sequence[SceneLabels],
+    workers: int = 1,
 ) -> None:
-    """Run one stage on its device, preparing what it reads."""
+    """Run one stage on its device, preparing what it reads on several processes."""
     device = training_device(config)
     network.train()
     out = folder / config.stage
@@ -171,7 +172,7 @@ def train_stage(
         if mine:
             cache_grasps(
                 scenes, network.scene, folder / "grasps",
-                n_views=GRASP_VIEWS_PER_SCENE, seed=config.seed,
+                n_views=GRASP_VIEWS_PER_SCENE, seed=config.seed, workers=workers,
             )  # fmt: skip
     grasps = GraspCache(folder / "grasps")
     network.train().to(device)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Labelled grasps on a box, seen by a network that completes a diamond in its place."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 
 import numpy as np
@@ -144,18 +145,23 @@ def test_no_grasp_at_a_surface_means_no_entry(network):
     assert view_grasps(labels_of(ASTRAY), network, rng, views=FROM_ABOVE) is None
 
 
-def test_a_killed_run_goes_on_and_seeds_decide_what_is_seen(network, tmp_path):
+def test_a_killed_run_goes_on_and_seeds_decide_what_is_seen(
+    network, tmp_path, monkeypatch
+):
     scenes = [labels_of(TOP, SIDE, index=i) for i in (0, 1)]
     settings = {"n_views": 2, "seed": 5}
     assert cache_grasps(scenes, network, tmp_path / "a", **settings) == 4
+    monkeypatch.setattr("neugrasp_ros.training.grasps.process_pool", ThreadPoolExecutor)
+    assert cache_grasps(scenes, network, tmp_path / "c", workers=2, **settings) == 4
     assert cache_grasps(scenes[1:], network, tmp_path / "b", **settings) == 2
     assert cache_grasps(scenes, network, tmp_path / "b", **settings) == 2
     names = sorted(p.name for p in (tmp_path / "a").iterdir())
-    assert names == sorted(p.name for p in (tmp_path / "b").iterdir())
-    for name in names:
-        a, b = (load_grasps(tmp_path / folder / name) for folder in "ab")
-        np.testing.assert_array_equal(a.volume, b.volume)
-        np.testing.assert_array_equal(a.point_features, b.point_features)
+    for other in (tmp_path / "b", tmp_path / "c"):
+        assert names == sorted(p.name for p in other.iterdir())
+        for name in names:
+            a, b = load_grasps(tmp_path / "a" / name), load_grasps(other / name)
+            np.testing.assert_array_equal(a.volume, b.volume)
+            np.testing.assert_array_equal(a.point_features, b.point_features)
 
 
 def test_a_scene_is_rendered_for_the_first_stage():
