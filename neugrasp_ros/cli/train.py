@@ -41,6 +41,10 @@ def add_parser(
     parser.add_argument(
         "--w-aff", type=float, help="weight of the affordance loss; default 0.15"
     )
+    parser.add_argument(
+        "--keep", type=Path, metavar="DIR",
+        help="folder of small files to commit, from which a run goes on without OUT",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument(
@@ -82,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
             stages=_stages(args),
             workers=args.workers,
             start=args.start,
+            keep=args.keep,
         )
     )
     if card:

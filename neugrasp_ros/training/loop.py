@@ -29,6 +29,7 @@ from neugrasp_ros.training.distributed import (
     process_rank,
     share_weights,
 )
+from neugrasp_ros.training.portable import STATE_FILE, pack_stage, unpack_stage
 
 LOGGER = logging.getLogger(__name__)
 REPORT_SECONDS = 15.0
@@ -94,6 +95,7 @@ def optimise(
     loss_of_step: LossFunction,
     config: TrainConfig,
     folder: Path,
+    keep: Path | None = None,
 ) -> list[dict[str, float]]:
     """Run (or go on with) a stage.
 
@@ -104,6 +106,8 @@ def optimise(
         config: Steps, step size, checkpoint interval.
         folder: Holds ``state.pt``, from which a killed run goes on, ``history.json``,
             ``curves.png``, and scalars for TensorBoard.
+        keep: Gets small copies of the state, from which a run on another machine goes
+            on, see ``training.portable``.
 
     Returns:
         Mean losses over time.
@@ -117,7 +121,9 @@ def optimise(
     )
     folder.mkdir(parents=True, exist_ok=True)
     progress = Progress(config.steps)
-    start = _restore(folder / "state.pt", model, optimiser, config, progress)
+    if keep is not None:
+        unpack_stage(keep, folder)
+    start = _restore(folder / STATE_FILE, model, optimiser, config, progress)
     share_weights(model)
     curves = Curves(folder, start) if is_first_process() else None
     saved = time.monotonic()
@@ -135,8 +141,10 @@ def optimise(
             curves.add(progress.history[-1], learning_rate_at(step, config))
         if time.monotonic() - saved > config.checkpoint_seconds:
             _save(folder, model, optimiser, config, step + 1, progress)
+            _keep(folder, keep, config)
             saved = time.monotonic()
     _save(folder, model, optimiser, config, config.steps, progress)
+    _keep(folder, keep, config)
     if curves:
         curves.close(progress.history)
     return progress.history
@@ -162,8 +170,13 @@ def _save(
     }
     part = folder / "state.part"
     torch.save(state, part)
-    os.replace(part, folder / "state.pt")
+    os.replace(part, folder / STATE_FILE)
     (folder / "history.json").write_text(json.dumps(progress.history))
+
+
+def _keep(folder: Path, keep: Path | None, config: TrainConfig) -> None:
+    if keep is not None and is_first_process():
+        pack_stage(folder, keep, config.steps)
 
 
 def _restore(

@@ -27,6 +27,7 @@ from neugrasp_ros.training.distributed import (
 from neugrasp_ros.training.grasps import cache_grasps, known_affordances
 from neugrasp_ros.training.loop import optimise
 from neugrasp_ros.training.occupancy import OccupancyStage, SceneCache
+from neugrasp_ros.training.portable import drop_stage
 from neugrasp_ros.training.quality import JointStage, QualityStage
 from neugrasp_ros.training.views import ViewRange
 
@@ -50,6 +51,8 @@ class TrainingRun:
         stages: The stages in order; a stage that is done is skipped.
         workers: Processes that render scenes.
         start: Weights to begin with; None = from nothing.
+        keep: Folder of small files to commit, from which the run goes on where
+            ``folder`` is lost; emptied when the weights are written.
     """
 
     train: tuple[Path, ...]
@@ -60,6 +63,7 @@ class TrainingRun:
     stages: tuple[TrainConfig, ...]
     workers: int = 1
     start: Path | None = None
+    keep: Path | None = None
 
 
 DEFAULT_STAGES = (
@@ -111,7 +115,9 @@ def _run_stages(
             render_scenes(tune, run.folder / "tune_scenes", run.workers)
     for config in run.stages:
         torch.set_num_threads(config.threads or torch.get_num_threads())
-        train_stage(network, config, run.folder, scenes, run.workers)
+        train_stage(
+            network, config, run.folder, scenes, workers=run.workers, keep=run.keep
+        )
         network.cpu()
         LOGGER.info("stage %s is done", config.stage)
     network.eval()
@@ -133,6 +139,9 @@ def _finish(
     card["labels"] = int(sum(len(s.grasps.labels) for s in scenes))
     card["trials"] = int(sum(s.grasps.tried.sum() for s in scenes))
     save_network(network, run.weights, card)
+    if run.keep is not None:
+        for stage in run.stages:
+            drop_stage(run.keep, stage.stage)
     return card
 
 
@@ -156,16 +165,27 @@ def train_stage(
     config: TrainConfig,
     folder: Path,
     scenes: Sequence[SceneLabels],
+    *,
     workers: int = 1,
+    keep: Path | None = None,
 ) -> None:
-    """Run one stage on its device, preparing what it reads on several processes."""
+    """Run one stage on its device, preparing what it reads on several processes.
+
+    Args:
+        network: Trained in place.
+        config: The stage.
+        folder: The run's folder.
+        scenes: The labelled scenes.
+        workers: Processes that look at grasps.
+        keep: Folder of small copies of the state, see ``optimise``.
+    """
     device = training_device(config)
     network.train()
     out = folder / config.stage
     if config.stage == "occupancy":
         network.to(device)
         stage = OccupancyStage(network.scene, SceneCache(folder / "scenes"), config)
-        optimise(network.scene, stage, config, out)
+        optimise(network.scene, stage, config, out, keep)
         return
     network.eval()
     with first_on_machine() as mine:
@@ -177,11 +197,12 @@ def train_stage(
     grasps = GraspCache(folder / "grasps")
     network.train().to(device)
     if config.stage == "quality":
-        optimise(network.detector, QualityStage(network, grasps, config), config, out)
+        quality = QualityStage(network, grasps, config)
+        optimise(network.detector, quality, config, out, keep)
         return
     occupancy = OccupancyStage(network.scene, SceneCache(folder / "scenes"), config)
     joint = JointStage(network, grasps, config, occupancy)
-    optimise(network, joint, config, out)
+    optimise(network, joint, config, out, keep)
 
 
 def render_scenes(scenes: Sequence[SceneLabels], folder: Path, workers: int) -> None:

@@ -1,49 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-import itertools
 import json
-import time
 
 import pytest
 import torch
+from line_fit import CONFIG, Killed, LineFit, small_model
 from torch import nn
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import CheckpointError
-from neugrasp_ros.training import loop
 from neugrasp_ros.training.loop import learning_rate_at, optimise
-
-CONFIG = TrainConfig(steps=60, learning_rate=0.05, checkpoint_seconds=1.0)
-
-
-class Killed(BaseException):
-    """Stands for a signal."""
-
-
-def small_model() -> nn.Module:
-    torch.manual_seed(0)
-    return nn.Sequential(nn.Linear(3, 8), nn.ReLU(), nn.Dropout(0.3), nn.Linear(8, 1))
-
-
-class LineFit:
-    """The loss of a step depends on its number and on the model's dropout."""
-
-    def __init__(self, model: nn.Module, killed_at: int | None = None) -> None:
-        self.model, self.killed_at, self.steps = model, killed_at, []
-
-    def __call__(self, step: int) -> dict[str, torch.Tensor]:
-        if step == self.killed_at:
-            raise Killed
-        self.steps.append(step)
-        x = torch.randn(16, 3, generator=torch.Generator().manual_seed(step))
-        wanted = x.sum(dim=1, keepdim=True)
-        return {"fit": (self.model(x) - wanted).square().mean()}
-
-
-@pytest.fixture
-def eager_checkpoints(monkeypatch):
-    """Every look at the clock is a minute later: each step is kept."""
-    minutes = itertools.count(time.monotonic(), 60.0)
-    monkeypatch.setattr(loop.time, "monotonic", lambda: next(minutes))
 
 
 def test_the_loss_falls_and_its_history_is_kept(tmp_path, eager_checkpoints):
