@@ -160,8 +160,9 @@ class PlannerConfig(Checked):
     max_candidates: int = option(256, "Candidates scored per decision", 1, 10000)
     renderer: str = option(
         "fast",
-        "Fast, or the paper's to the letter, to compare with: minutes a decision",
-        choices=("fast", "reference"),
+        "Fast; or, to compare with, the paper's to the letter: minutes a decision; or "
+        "that with the compiled decoder, where something may be",
+        choices=("fast", "reference", "compiled_reference"),
     )
     cube_overlap: float = option(
         0.1, "What the cubes of a large workspace share at least [m]", 0.0, 0.25

@@ -44,14 +44,17 @@ def time_decision(
     """Time one decision from depth image to ranked grasps, and a re-query of it.
 
     Returns:
-        Milliseconds of each of ``STAGES``, ``total`` and ``requery``; ``queries`` of
-        the field; ``candidates`` scored; ``cubes``.
+        Milliseconds of each of ``STAGES``, ``total`` and ``requery``, and of processor
+        time for the whole, ``cpu``; ``queries`` of the field; ``candidates`` scored;
+        ``cubes``.
     """
+    processor = time.process_time()
     start = time.perf_counter()
     volume = shot.fused(planner.resolution)
     fused = time.perf_counter()
     decision = planner.decide(volume, revision, max_candidates=max_candidates)
     total = time.perf_counter() - start
+    processor = time.process_time() - processor
     row = {name: 1e3 * decision.seconds.get(name, 0.0) for name in STAGES}
     row["fusion"] = 1e3 * (fused - start)
     scene = planner.encode(volume, revision)
@@ -65,7 +68,7 @@ def time_decision(
             max_candidates=len(decision.grasps),
         )
     row["requery"] = 1e3 * (time.perf_counter() - start)
-    row["total"] = 1e3 * total
+    row["total"], row["cpu"] = 1e3 * total, 1e3 * processor
     row["queries"] = scene.queries
     row["candidates"] = decision.sampled
     row["cubes"] = len(scene.corners)
@@ -103,6 +106,8 @@ def summary(rows: Sequence[dict[str, float]]) -> dict[str, Any]:
         },
         "total_ms_median": float(np.median(columns["total"])),
         "total_ms_p90": float(np.percentile(columns["total"], 90)),
+        "cpu_ms_median": float(np.median(columns["cpu"])),
+        "cpu_ms_p90": float(np.percentile(columns["cpu"], 90)),
         "requery_ms_median": float(np.median(columns["requery"])),
         "scenes": len(rows),
     }
@@ -157,58 +162,3 @@ def against_reference(
         slow_ms = medians[f"reference_{name}{unit}"]
         medians[f"speedup_{name}"] = slow_ms / medians[f"fast_{name}{unit}"]
     return medians
-
-
-def curves(
-    planner: GraspPlanner,
-    shots: Sequence[Shot],
-    tables: Sequence[Shot],
-    threads: Sequence[int] = (1, 2),
-) -> dict[str, Any]:
-    """Time decisions over candidates, threads, and the number of cubes.
-
-    Args:
-        planner: The planner.
-        shots: Scenes of one cube.
-        tables: Scenes of larger and larger tables.
-        threads: Numbers of threads.
-
-    Returns:
-        Median milliseconds by what was varied, and the cost of 100 candidates more.
-    """
-    by_count = {}
-    for count in (16, 64, 128, 256, 512, 1024):
-        rows = best_of(planner, shots, repeats=2, max_candidates=count)
-        scored = float(np.mean([row["candidates"] for row in rows]))
-        by_count[count] = {"total_ms": _median(rows), "candidates": scored}
-    few, many = by_count[16], by_count[256]
-    more = (many["total_ms"] - few["total_ms"]) / (
-        many["candidates"] - few["candidates"]
-    )
-    by_threads = {}
-    for count in threads:
-        config = replace(planner.config, threads=count)
-        other = GraspPlanner(config, planner.gripper)
-        by_threads[count] = _median(best_of(other, shots, repeats=2))
-    by_size = []
-    for shot in tables:
-        row = best_of(planner, [shot], repeats=2)[0]
-        by_size.append(
-            {
-                "size": list(shot.size),
-                "cubes": row["cubes"],
-                "candidates": row["candidates"],
-                "total_ms": row["total"],
-                "memory_mb": peak_memory_mb(),
-            }
-        )
-    return {
-        "candidates": by_count,
-        "ms_per_100_candidates": 100 * more,
-        "threads": by_threads,
-        "tables": by_size,
-    }
-
-
-def _median(rows: Sequence[dict[str, float]]) -> float:
-    return float(np.median([row["total"] for row in rows]))

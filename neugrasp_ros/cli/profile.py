@@ -2,13 +2,18 @@
 """``neugrasp profile``: what a decision costs, and what being fast loses."""
 
 import argparse
+import json
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 TABLES = ((0.3, 0.3, 0.3), (0.6, 0.4, 0.3), (0.9, 0.6, 0.3), (1.2, 0.8, 0.4))
 ON_TABLE = (5, 8, 12, 18)  # objects
+CURVE_SCENES = 5
+PARTS = "timing", "speedup", "rays", "scores", "curves", "tables", "endurance"
+USUAL = ",".join(PARTS[:-1])
 
 
 def add_parser(
@@ -19,44 +24,36 @@ def add_parser(
         "profile", help="time every stage, beside the paper's renderer"
     )
     add = parser.add_argument
+    add("--only", default=USUAL, help=f"parts to measure, of {','.join(PARTS)}")
     add("--scenes", type=int, default=30, help="scenes that are timed")
     add("--data", type=Path, help="folder of shards; default: seeded piles")
     add("--reference", type=int, default=2, help="scenes the reference is timed on")
-    add("--rays", type=int, default=10, help="scenes whose rays are compared")
-    add("--scores", type=int, default=4, help="scenes whose scores are compared")
+    add("--rays", type=int, default=50, help="scenes whose rays are compared")
+    add("--scores", type=int, default=50, help="scenes whose scores are compared")
     add("--grasps", type=int, default=32, help="grasps compared in a scene")
-    add("--curves", action="store_true", help="also over candidates, threads, cubes")
+    add("--detections", type=int, default=1000, help="of the endurance run")
     add("--threads", type=int, default=2)
     add("--candidates", type=int, default=256)
     add("--gripper", default="robotiq_2f85", metavar="NAME|FILE")
     add("--weights", default="", help="weights file; default the shipped one")
     add("--seed", type=int, default=0)
     add("--json", type=Path, help="where the figures go; the picture goes beside it")
+    add("--merge", action="store_true", help="keep its figures that are not made now")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print the table, write figures and picture."""
-    import numpy as np
-
-    from neugrasp_ros.benchmark.equivalence import check_equivalence
     from neugrasp_ros.benchmark.report import source_commit, write_report
-    from neugrasp_ros.benchmark.shots import piles, recorded, shoot, table
-    from neugrasp_ros.benchmark.speed import (
-        against_reference,
-        best_of,
-        curves,
-        matmul_ms,
-        peak_memory_mb,
-        summary,
-    )
+    from neugrasp_ros.benchmark.speed import best_of, matmul_ms
     from neugrasp_ros.benchmark.speed_figures import draw_profile, profile_table
     from neugrasp_ros.config import PlannerConfig
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.pipeline import GraspPlanner, use_threads
 
-    if args.scenes < 1:
-        raise ConfigError(f"--scenes must be positive, got {args.scenes}")
+    wanted = args.only.split(",")
+    if args.scenes < 1 or not set(wanted) <= set(PARTS):
+        raise ConfigError(f"--scenes must be positive, --only among {PARTS}")
     use_threads(args.threads)
     config = PlannerConfig(
         weights=args.weights,
@@ -65,26 +62,66 @@ def run(args: argparse.Namespace) -> int:
         max_candidates=args.candidates,
     )
     planner = GraspPlanner(config)
-    source = recorded(args.data, args.scenes) if args.data else None
-    scenes = list(source or piles(args.scenes, args.seed))
+    scenes, shots = _shots(args, wanted)
+    best_of(planner, shots[:1], repeats=1)  # compiles and allocates
+    result: dict[str, Any] = {}
+    if args.merge and args.json and args.json.exists():
+        result = json.loads(args.json.read_text())
+    result["matmul_512_ms"] = matmul_ms()
+    commands = dict(result.get("commands", {}))
+    for name in wanted:
+        result |= _part(name, args, planner, scenes, shots)()
+        commands[name] = {
+            "command": "neugrasp " + " ".join(sys.argv[1:]),
+            "commit": source_commit(),
+            "matmul_512_ms": result["matmul_512_ms"],
+        }
+    result |= {
+        "seed": args.seed,
+        "threads": args.threads,
+        "commands": commands,
+        "weights_sha256": planner.weights_sha256,
+        "render": asdict(config.render),
+    }
+    print(profile_table(result))
+    if args.json:
+        write_report(args.json, result)
+        if "stages_ms" in result:
+            draw_profile(result, args.json.with_suffix(".png"))
+    return 0
+
+
+def _shots(args: argparse.Namespace, wanted: list[str]) -> tuple[Any, Any]:
+    """Return as many scenes as the parts need, and a view of each."""
+    import numpy as np
+
+    from neugrasp_ros.benchmark.shots import piles, recorded, shoot
+
+    needs = {"rays": args.rays, "scores": args.scores, "speedup": args.reference}
+    count = max(CURVE_SCENES, *(needs.get(name, args.scenes) for name in wanted), 1)
+    scenes = list(recorded(args.data, count) if args.data else piles(count, args.seed))
     shots = [
         shoot(scene, np.random.default_rng([args.seed, n]))
         for n, scene in enumerate(scenes)
     ]
-    best_of(planner, shots[:1], repeats=1)  # compiles and allocates
-    result: dict[str, Any] = {"matmul_512_ms": matmul_ms()}
-    result |= summary(best_of(planner, shots))
-    result["peak_memory_mb"] = peak_memory_mb()
-    result |= against_reference(planner, shots[: args.reference], args.grasps)
-    result |= check_equivalence(
-        planner,
-        shots[: args.rays],
-        shots[: args.scores],
-        n_grasps=args.grasps,
-        seed=args.seed,
-    )
-    if args.curves:
-        tables = [
+    return scenes, shots
+
+
+def _part(
+    name: str, args: argparse.Namespace, planner: Any, scenes: Any, shots: Any
+) -> Callable[[], dict[str, Any]]:
+    """Return what measures one of ``PARTS``."""
+    import numpy as np
+
+    from neugrasp_ros.benchmark import speed, speed_curves
+    from neugrasp_ros.benchmark.endurance import endure
+    from neugrasp_ros.benchmark.equivalence import check_rays, check_scores
+    from neugrasp_ros.benchmark.shots import shoot, table
+
+    few = shots[:CURVE_SCENES]
+
+    def tables() -> dict[str, Any]:
+        seen = [
             shoot(
                 table(scenes, size[:2], count),
                 np.random.default_rng([args.seed, count]),
@@ -92,17 +129,27 @@ def run(args: argparse.Namespace) -> int:
             )
             for size, count in zip(TABLES, ON_TABLE, strict=True)
         ]
-        result["curves"] = curves(planner, shots[:5], tables)
-    result |= {
-        "seed": args.seed,
-        "threads": args.threads,
-        "command": "neugrasp " + " ".join(sys.argv[1:]),
-        "commit": source_commit(),
-        "weights_sha256": planner.weights_sha256,
-        "render": asdict(config.render),
-    }
-    print(profile_table(result))
-    if args.json:
-        write_report(args.json, result)
-        draw_profile(result, args.json.with_suffix(".png"))
-    return 0
+        return {"tables": speed_curves.by_table(planner, seen)}
+
+    return {
+        "timing": lambda: {
+            **speed.summary(speed.best_of(planner, shots[: args.scenes])),
+            "peak_memory_mb": speed.peak_memory_mb(),
+        },
+        "speedup": lambda: speed.against_reference(
+            planner, shots[: args.reference], args.grasps
+        ),
+        "rays": lambda: check_rays(planner, shots[: args.rays], seed=args.seed),
+        "scores": lambda: check_scores(
+            planner, shots[: args.scores], n_grasps=args.grasps, seed=args.seed
+        ),
+        "curves": lambda: {
+            "curve_candidates": speed_curves.by_candidates(planner, few),
+            "curve_threads": speed_curves.by_threads(planner, few),
+            "curve_resolution": speed_curves.by_resolution(shots[0]),
+        },
+        "tables": tables,
+        "endurance": lambda: endure(
+            planner, few, max(args.detections // 10, 1), args.detections
+        ),
+    }[name]

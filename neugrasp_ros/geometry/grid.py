@@ -226,6 +226,19 @@ def clip_to_box(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kerne
     return start, end
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+def way_out(at, direction, cell, gap):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Return how far a ray goes along one axis until it leaves what a gap promises.
+
+    All in [sample]: the cells nearer than ``gap`` to the ray's own hold no inside.
+    """
+    if direction > 1e-9:
+        return ((cell + gap) * GAP_CELL - at) / direction
+    if direction < -1e-9:
+        return ((cell - gap + 1) * GAP_CELL - at) / direction
+    return 1e9
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def march_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
     values, gaps, inverse, ox, oy, oz, dx, dy, dz, start, end, step
@@ -235,15 +248,21 @@ def march_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
     if sample_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz) > 0:
         return MISS
     nx, ny, nz = values.shape
-    cell = GAP_CELL / inverse
     while t < end:
-        i = min(max(int((ox + t * dx) * inverse - 0.5), 0), nx - 1)
-        j = min(max(int((oy + t * dy) * inverse - 0.5), 0), ny - 1)
-        k = min(max(int((oz + t * dz) * inverse - 0.5), 0), nz - 1)
-        gap = gaps[i // GAP_CELL, j // GAP_CELL, k // GAP_CELL]
-        if gap > 1:
-            t += (gap - 1) * cell
-            continue
+        u = (ox + t * dx) * inverse - 0.5
+        v = (oy + t * dy) * inverse - 0.5
+        w = (oz + t * dz) * inverse - 0.5
+        a = min(max(int(u), 0), nx - 1) // GAP_CELL
+        b = min(max(int(v), 0), ny - 1) // GAP_CELL
+        c = min(max(int(w), 0), nz - 1) // GAP_CELL
+        gap = gaps[a, b, c]
+        if gap > 0:
+            leap = way_out(u, dx, a, gap)
+            leap = min(leap, way_out(v, dy, b, gap))
+            leap = min(leap, way_out(w, dz, c, gap)) / inverse
+            if leap > 1e-6:
+                t += leap
+                continue
         ahead = min(t + step, end)
         x, y, z = ox + ahead * dx, oy + ahead * dy, oz + ahead * dz
         value = sample_one(values, inverse, x, y, z)

@@ -16,8 +16,8 @@ def inside_gaps(values: Float32Array) -> NDArray[np.uint8]:
     """Tell how far each cell is from the nearest one that touches the inside.
 
     Cell (a, b, c) reaches from sample (2a, 2b, 2c) to (2a + 2, 2b + 2, 2c + 2); it
-    touches the inside if one of its 27 samples is positive. From anywhere in a cell of
-    gap g a ray may leap g - 1 cells, whatever its direction.
+    touches the inside if one of its 27 samples is positive. From a cell of gap g > 0 a
+    ray meets nothing in any cell nearer than g.
 
     Args:
         values: Samples, shape (X, Y, Z).

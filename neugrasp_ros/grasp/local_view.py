@@ -91,11 +91,25 @@ def crop_box(gripper: Gripper, fov: float) -> tuple[FloatArray, FloatArray]:
 @lru_cache(maxsize=16)
 def _shuffled_rays(
     gripper: Gripper, image_size: int, fov: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return the rays in one fixed random order: the first ones are a sample."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the rays in one fixed random order: the first ones are a sample.
+
+    Returns:
+        Origins and directions of those that enter the kept region, shapes (R, 3), and
+        where along them it begins and ends, in [m], shape (R, 2).
+    """
     origins, directions = local_rays(gripper, image_size, fov)
     order = shuffled(len(origins))
-    return origins[order], directions[order]
+    origins, directions = origins[order], directions[order]
+    low, high = crop_box(gripper, fov)
+    spans = np.array(
+        [
+            clip_to_box(*o, *d, low, high)
+            for o, d in zip(origins, directions, strict=True)
+        ]
+    )
+    enter = spans[:, 0] < spans[:, 1]
+    return origins[enter], directions[enter], spans[enter]
 
 
 def shuffled(count: int) -> NDArray[np.int64]:
@@ -133,8 +147,7 @@ def render_local_views(
     poses = np.ascontiguousarray(T_task_grippers, dtype=np.float64)
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
         raise ShapeError("T_task_grippers", "(G, 4, 4)", poses.shape)
-    origins, directions = _shuffled_rays(gripper, image_size, fov)
-    low, high = crop_box(gripper, fov)
+    origins, directions, spans = _shuffled_rays(gripper, image_size, fov)
     gaps = field.gaps
     points = np.zeros((len(poses), n_points, 3), dtype=np.float32)
     normals = np.zeros_like(points)
@@ -149,8 +162,7 @@ def render_local_views(
             poses[part],
             origins,
             directions,
-            low,
-            high,
+            spans,
             points[part],
             normals[part],
             hits[part],
@@ -162,8 +174,8 @@ def render_local_views(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
-    values, gaps, inverse, reach, poses, origins, directions, low, high,
-    points, normals, hits,
+    values, gaps, inverse, reach, poses, origins, directions, spans, points, normals,
+    hits,
 ):  # fmt: skip  # pragma: no cover - compiled
     n_points = points.shape[1]
     step = 0.5 / inverse
@@ -176,9 +188,7 @@ def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
         for r in range(len(origins)):
             a, b, c = origins[r]
             p, q, s = directions[r]
-            start, end = clip_to_box(a, b, c, p, q, s, low, high)
-            if start >= end:
-                continue
+            start, end = spans[r]
             ox = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
             oy = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
             oz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]

@@ -46,8 +46,13 @@ class Evaluator:
 
     def reference(self, scene: EncodedScene) -> NetworkOccupancy:
         """Return a scene of one cube as the reference renderer asks it."""
+        literal = self._config.renderer == "reference"
         return NetworkOccupancy(
-            self._network.scene, scene.planes, scene.edge, scene.free
+            self._network.scene,
+            scene.planes,
+            scene.edge,
+            scene.free,
+            compiled=None if literal else scene.occupancies[0],
         )
 
     def inputs(
@@ -63,7 +68,7 @@ class Evaluator:
         render, n_points = self._config.render, self._network.config.local_points
         fov = float(np.deg2rad(render.local_fov_deg))
         views = None
-        if self._config.renderer == "reference":
+        if self._config.renderer != "fast":
             views = render_local_reference(
                 self.reference(scene),
                 canonical_gripper(grasps.poses),

@@ -152,7 +152,7 @@ class GraspPlanner:
                     support_height=support_height,
                     threads=self._threads,
                     device=self.config.device,
-                    reference=self.config.renderer == "reference",
+                    renderer=self.config.renderer,
                 )
                 scene = encode_scene(self._network.scene, volume, revision, settings)
                 self.encoder_passes += 1
@@ -173,7 +173,7 @@ class GraspPlanner:
             self.timings.pop("rendering", None)
             with self._timed("rendering"):
                 render = self.config.render
-                if self.config.renderer == "reference":
+                if self.config.renderer != "fast":
                     found = render_reference(
                         self._evaluator.reference(scene),
                         scene.edge,

@@ -53,14 +53,15 @@ class EncodeSettings:
         support_height: Height of the support plane in the task frame in [m].
         threads: Worker threads.
         device: Torch device.
-        reference: Ask the network at every sample instead of coarse to fine.
+        renderer: See ``PlannerConfig``; a reference asks the network at every sample
+            instead of coarse to fine.
     """
 
     overlap: float
     support_height: float
     threads: int
     device: str
-    reference: bool = False
+    renderer: str = "fast"
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +208,10 @@ def encode_scene(
         corners,
         size,
     )
-    if settings.reference:
-        grid, queries = _dense(network, planes, free, voxel)
+    if settings.renderer != "fast":
+        compiled = settings.renderer == "compiled_reference"
+        ask = cubes.occupancies[0] if compiled else None
+        grid, queries = _dense(network, planes, free, voxel, ask)
     else:
         values, queries = _samples(cubes, free, parts)
         grid, asked = refined(values, free, voxel, cubes.ask, settings.threads)
@@ -263,13 +266,17 @@ def _samples(
 
 
 def _dense(
-    network: SceneNetwork, planes: Tensor, free: BoolArray, voxel: float
+    network: SceneNetwork,
+    planes: Tensor,
+    free: BoolArray,
+    voxel: float,
+    compiled: CompiledOccupancy | None,
 ) -> tuple[ScalarGrid, int]:
     if len(planes) > 1:
         raise ConfigError(
             f"renderer: reference takes one cube, the volume needs {len(planes)}"
         )
     edge = len(free) * voxel
-    occupancy = NetworkOccupancy(network, planes, edge, free)
+    occupancy = NetworkOccupancy(network, planes, edge, free, compiled)
     field = dense_field(occupancy, 2 * len(free), edge)
     return replace(field, normal_reach=voxel), occupancy.queries

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_linear_bn_eval
 
+from neugrasp_ros.grasp.ablation import RENDERED
 from neugrasp_ros.grasp.inputs import LocalInputs
 from neugrasp_ros.grasp.pointnet import NeuGraspDetector
 from neugrasp_ros.model import GraspNetwork
@@ -19,12 +20,15 @@ from neugrasp_ros.scene.grid_decoder import read_projected
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
+CHUNK = 32  # grasps scored together: their activations stay in the cache
+
 
 class Scorer:
     """The detector prepared for work: normalisation folded, features projected.
 
     Reading a plane and the detector's first layer are both linear, so the planes are
     multiplied by that layer once per scene: a point then reads a third of the numbers.
+    Points that repeat others are left out: they do not change a maximum.
 
     Args:
         network: The network, in evaluation mode; it is not changed.
@@ -50,6 +54,29 @@ class Scorer:
         Returns:
             Quality (G,) and affordances (G, A), as probabilities.
         """
+        n_points = inputs.point_features.shape[1]
+        distinct = np.clip(inputs.hits, 1, n_points)
+        if self._network.config.local_view != RENDERED:
+            distinct[:] = n_points
+        order = np.argsort(distinct, kind="stable")
+        quality = np.empty(len(order))
+        affordances = np.empty((len(order), len(self._network.config.affordances)))
+        for start in range(0, len(order), CHUNK):
+            rows = order[start : start + CHUNK]
+            most = int(distinct[rows].max())
+            some = LocalInputs(
+                inputs.points_task[rows, :most],
+                inputs.point_features[rows, :most],
+                inputs.tokens[rows],
+                inputs.hits[rows],
+            )
+            quality[rows], affordances[rows] = self._score(scene, some, cubes[rows])
+        return quality, affordances
+
+    def _score(
+        self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Score grasps with about as many distinct points each."""
         device = scene.planes.device
         points = torch.from_numpy(inputs.point_features).to(device)
         tokens = torch.from_numpy(inputs.tokens).to(device)

@@ -26,10 +26,10 @@ BoolArray = NDArray[np.bool_]
 
 FREE_LOGIT = -8.0  # what is not asked because it was seen to be free
 LOGIT_LIMIT = 8.0  # logits are clipped: beyond it interpolation would be lopsided
-MARGIN = 3.0  # [logit]; a coarse cell whose corners are all beyond it is not refined
+MARGIN = 2.0  # [logit]; a coarse cell whose corners are all beyond it is not refined
 
 
-SURFACE_MARGIN = 0.25  # [logit]; the same for cells whose resolution is doubled again
+SURFACE_MARGIN = 0.1  # [logit]; the same for cells whose resolution is doubled again
 
 Ask = Callable[[IntArray], Float32Array]
 """Sample indices (N, 3) in, clipped logits (N,) out."""
@@ -100,11 +100,9 @@ def evaluate_samples(
     coarse = np.full((half,) * 3, FREE_LOGIT, dtype=np.float32)
     index = np.argwhere(~free_blocks)
     coarse[tuple(index.T)] = ask.on_grid(index, half)
-    undecided = _undecided(coarse) & ~free_blocks
-
     fine = doubled(coarse)
-    doubtful = np.repeat(np.repeat(np.repeat(undecided, 2, 0), 2, 1), 2, 2) & ~free
-    index_fine = np.argwhere(doubtful)
+    index_fine = straddling(coarse, MARGIN)
+    index_fine = index_fine[~free[tuple(index_fine.T)]]
     fine[tuple(index_fine.T)] = ask.on_grid(index_fine, size)
     fine[free] = FREE_LOGIT
     return fine, len(index) + len(index_fine)
@@ -193,19 +191,3 @@ class CompiledOccupancy:
 
 def _clipped(logits: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.clip(logits, -LOGIT_LIMIT, LOGIT_LIMIT)
-
-
-def _undecided(coarse: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Tell which coarse samples have a surface, or doubt, in their neighbourhood."""
-    padded = np.pad(coarse, 1, mode="edge")
-    low, high = padded, padded
-    n = coarse.shape[0]
-    for axis in range(3):
-        shape = [slice(None)] * 3
-        views = []
-        for offset in range(3):
-            shape[axis] = slice(offset, offset + n)
-            views.append((low[tuple(shape)], high[tuple(shape)]))
-        low = np.minimum(np.minimum(views[0][0], views[1][0]), views[2][0])
-        high = np.maximum(np.maximum(views[0][1], views[1][1]), views[2][1])
-    return (high > -MARGIN) & (low < MARGIN)

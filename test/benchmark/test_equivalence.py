@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from diamond import diamond_network
 
-from neugrasp_ros.benchmark.equivalence import check_equivalence
+from neugrasp_ros.benchmark.equivalence import check_rays, check_scores
 from neugrasp_ros.benchmark.shots import Shot
 from neugrasp_ros.config import NetworkConfig, PlannerConfig
 from neugrasp_ros.geometry.camera import Intrinsics
@@ -41,7 +41,8 @@ def test_rays_and_scores_agree_with_the_reference(shot, tmp_path):
     path = tmp_path / "diamond.safetensors"
     save_network(diamond_network(NETWORK, CENTER, RADIUS), path)
     planner = GraspPlanner(PlannerConfig(weights=str(path), gripper="panda", threads=1))
-    found = check_equivalence(planner, [shot], [shot], n_rays=24576, n_grasps=3)
+    found = check_rays(planner, [shot], n_rays=24576)
+    found |= check_scores(planner, [shot], n_grasps=3)
     assert found["rays_same_hit"] >= 0.99
     assert found["rays_within_1_5_mm"] >= 0.9  # voxels are 9 mm and edges sharp here
     assert found["rays_median_mm"] < 0.01

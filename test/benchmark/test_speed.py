@@ -8,7 +8,7 @@ from neugrasp_ros.benchmark.speed_figures import draw_profile, profile_table
 
 @pytest.fixture
 def rows() -> list[dict[str, float]]:
-    names = (*STAGES, "requery", "total", "queries", "candidates", "cubes")
+    names = (*STAGES, "requery", "total", "cpu", "queries", "candidates", "cubes")
     return [dict.fromkeys(names, float(n)) for n in range(11)]
 
 
