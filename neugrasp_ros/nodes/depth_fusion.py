@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 
-from neugrasp_ros.errors import ConfigError, DepthImageError
+from neugrasp_ros.errors import ConfigError, DepthImageError, EmptySceneError
+from neugrasp_ros.fusion.support_plane import find_workspace
 from neugrasp_ros.fusion.tsdf import TsdfVolume, empty_volume, integrate
 from neugrasp_ros.geometry.camera import Intrinsics
-from neugrasp_ros.geometry.transform import invert, make_transform
+from neugrasp_ros.geometry.transform import apply, invert, make_transform
 from neugrasp_ros.nodes.compat.images import read_depth, read_intrinsics
 from neugrasp_ros.nodes.compat.tf import TransformException
 from neugrasp_ros.nodes.conversions import from_stamp
@@ -32,6 +33,7 @@ Lookup = Callable[[str, str, int], FloatArray]
 RATE_SLACK = 0.7  # an image this share of a period after the last is not too early
 JUMP_BACK = 10**9  # [ns]; stamps that fall by more belong to a new run
 COUNTS = ("received", "fused", "skipped", "no_tf", "refused")
+FIND_WIDTH = 320  # [pixel]; an image thinned to it is enough to find a table
 ABSURD_DEPTH = 50.0  # [m]; a median beyond this is millimetres in a float image
 
 
@@ -76,14 +78,26 @@ class DepthFusion:
         self._taken = 0  # and of the newest that was not too early [ns]
         self._revision = time.time_ns() // 10**6  # differs from an earlier run's
         self.counts = dict.fromkeys(COUNTS, 0)
+        # what was configured, and what was found in an image instead
+        self._found: tuple[WorkspaceConfig, WorkspaceConfig] | None = None
         self._clear()
 
-    def _clear(self) -> None:
-        config = self._config.current
-        self._volume: TsdfVolume = empty_volume(
-            config.resolution, config.workspace.size[0], config.truncation_voxels
+    @property
+    def _wanted(self) -> WorkspaceConfig:
+        """The workspace of the next image: the configured one, or that found for it."""
+        configured, found = self._config.current.workspace, self._found
+        return found[1] if found and found[0] == configured else configured
+
+    def _empty(self) -> TsdfVolume:
+        config, workspace = self._config.current, self._wanted
+        shape = workspace.voxels(config.voxel_size)
+        return empty_volume(
+            shape, shape[0] * config.voxel_size, config.truncation_voxels
         )
-        self._workspace = config.workspace
+
+    def _clear(self) -> None:
+        self._volume = self._empty()
+        self._workspace = self._wanted
         self._camera_position: FloatArray | None = None  # of the last view fused
         self._loaded = False  # the volume came from a file and no image since
         self._stamp = 0  # of the newest image in the volume [ns]
@@ -92,8 +106,9 @@ class DepthFusion:
         self._revision += 1
 
     def reset(self) -> None:
-        """Forget the scene; the revision goes on."""
+        """Forget the scene, and a workspace that was found; the revision goes on."""
         with self._changed:
+            self._found = None
             self._clear()
             self._pending.clear()
             self._changed.notify_all()
@@ -218,20 +233,41 @@ class DepthFusion:
                     f"depth/camera_info says {size[1]}x{size[0]}",
                 )
             )
+        try:
+            self._find(depth, camera, T_frame_camera)
+        except EmptySceneError as error:
+            return self._refuse(DetectionError(Code.EMPTY_WORKSPACE, str(error)))
         self._problem = None
         self._valid_share = float(np.isfinite(depth).mean())
-        T_task_camera = (
-            invert(workspace_pose(self._config.current.workspace)) @ T_frame_camera
-        )
+        T_task_camera = invert(workspace_pose(self._wanted)) @ T_frame_camera
         shot = DepthView(depth, camera, T_task_camera)
         changed = self._integrate(shot, from_stamp(image.header.stamp))
         self._camera_position = T_frame_camera[:3, 3].copy()
         return changed
 
+    def _find(
+        self, depth: NDArray[np.float32], camera: Intrinsics, T_frame_camera: FloatArray
+    ) -> None:
+        """Find the workspace in an image, where that is wanted and not done yet."""
+        config = self._config.current
+        configured = config.workspace
+        if not configured.find or self._wanted is not configured:
+            return
+        some = slice(None, None, max(1, depth.shape[1] // FIND_WIDTH))
+        points = (camera.ray_directions() * depth[..., None])[some, some]
+        found = find_workspace(apply(T_frame_camera, points.reshape(-1, 3)))
+        voxels = np.ceil(found.size / config.voxel_size - 1e-6)
+        x, y, z = (float(v) for v in found.origin)
+        a, b, c = (float(v) for v in voxels * config.voxel_size)
+        self._found = (
+            configured,
+            replace(configured, origin=(x, y, z), rpy=(0.0, 0.0, 0.0), size=(a, b, c)),
+        )
+
     def _is_too_near(self, T_frame_camera: FloatArray) -> bool:
         """Tell whether the camera has hardly moved since the last view fused."""
         config, last = self._config.current, self._camera_position
-        if last is None or config.workspace != self._workspace:
+        if last is None or self._wanted != self._workspace:
             return False
         moved = np.linalg.norm(T_frame_camera[:3, 3] - last)
         return bool(moved < config.min_motion)
@@ -258,17 +294,13 @@ class DepthFusion:
 
     def _integrate(self, shot: DepthView, stamp: int) -> bool:
         config, start = self._config.current, time.perf_counter()
-        shape = self._volume.distances.shape
-        if config.workspace != self._workspace or shape != config.resolution:
+        shape = self._wanted.voxels(config.voxel_size)
+        if self._wanted != self._workspace or self._volume.distances.shape != shape:
             self._clear()
         if self._loaded:
             self._loaded, self._stamp = False, 0
         fuse = config.view_mode == "fuse"
-        before = self._volume
-        if not fuse:
-            before = empty_volume(
-                config.resolution, config.workspace.size[0], config.truncation_voxels
-            )
+        before = self._volume if fuse else self._empty()
         after = integrate(before, *shot, decay=fuse)
         if fuse:
             weights = np.minimum(after.weights, np.uint8(config.max_weight))

@@ -141,6 +141,7 @@ class RendererStage:
     ) -> None:
         self._shared = shared
         self._config = config
+        self._drawn = (-1, 0)  # revision, seed
 
     def sample(
         self, view: SceneView, roi: Box | None, max_candidates: int, seed: int
@@ -151,7 +152,8 @@ class RendererStage:
             view: The scene.
             roi: Region in the scene's frame to propose grasps in; None = everywhere.
             max_candidates: How many at most.
-            seed: Of the random choices; 0 draws one.
+            seed: Of the random choices; 0 draws one for each revision of the scene, so
+                that what was proposed and scored for it is used again.
 
         Raises:
             DetectionError: If the region, or the whole workspace, is empty.
@@ -165,7 +167,7 @@ class RendererStage:
                 support_height=config.support_height,
                 roi=_bounds(invert(view.T_frame_task), roi) if roi else None,
                 max_candidates=max_candidates,
-                seed=seed or int(np.random.default_rng().integers(1, 2**31)),
+                seed=seed or self._seed_of(view.revision),
             )
             contacts = planner.contacts(scene, grasps)
         info = self.nothing(view).grasps.info
@@ -173,6 +175,12 @@ class RendererStage:
         found = found.moved(view.T_frame_task, view.frame_id)
         inside = in_box(found.grasps.poses[:, :3, 3], roi)
         return Staged(found.take(inside), seconds, sampled=len(grasps))
+
+    def _seed_of(self, revision: int) -> int:
+        """Return the seed that was drawn for a revision; draw one for a new one."""
+        if self._drawn[0] != revision:
+            self._drawn = revision, int(np.random.default_rng().integers(1, 2**31))
+        return self._drawn[1]
 
     def nothing(self, view: SceneView) -> Staged:
         """Return an empty list of candidates of a scene."""

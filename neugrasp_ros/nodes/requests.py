@@ -49,7 +49,7 @@ class Wanted:
         min_views: Views that the scene must hold.
         budget: Time after which the best so far is answered [s]; 0 = none.
         timeout: Time after which the request fails [s].
-        seed: Of the candidates; 0 = draw one.
+        seed: Of the candidates; 0 = draw one for each revision of the scene.
     """
 
     affordance: str

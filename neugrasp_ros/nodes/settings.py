@@ -30,6 +30,11 @@ class WorkspaceConfig(Checked):
     origin: Triple = option((0.4, -0.15, 0.65), "Lower corner in that frame [m]")
     rpy: Triple = option((0.0, 0.0, 0.0), "Its roll, pitch, yaw [rad]")
     size: Triple = fixed(option((0.3, 0.3, 0.3), "Edges along x, y, z [m]"))
+    find: bool = option(
+        False,
+        "Find the table in the first image, in a frame whose z is up, and put the "
+        "workspace around what stands on it; origin, rpy and size are not used",
+    )
 
     def __post_init__(self) -> None:
         """Reject a workspace that cannot be.
@@ -48,6 +53,11 @@ class WorkspaceConfig(Checked):
             raise ConfigError(f"workspace.rpy is in [rad], got {self.rpy}")
         if not all(0.1 <= v <= 2.0 for v in self.size):
             raise ConfigError(f"workspace.size must be in [0.1, 2] m, got {self.size}")
+
+    def voxels(self, edge: float) -> tuple[int, int, int]:
+        """Return the number of voxels along x, y and z, each of ``edge`` in [m]."""
+        x, y, z = (round(v / edge) for v in self.size)
+        return x, y, z
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,12 +108,6 @@ class FusionConfig(Checked):
                 f"max_depth must be above min_depth, got {self.max_depth} and "
                 f"{self.min_depth} m"
             )
-
-    @property
-    def resolution(self) -> tuple[int, int, int]:
-        """Voxels along x, y and z."""
-        x, y, z = (round(v / self.voxel_size) for v in self.workspace.size)
-        return x, y, z
 
 
 @dataclass(frozen=True, kw_only=True)

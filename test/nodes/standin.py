@@ -26,6 +26,8 @@ class Encoded:
 class SurfacePlanner:
     """Grasps straight down onto what was seen; the higher, the better."""
 
+    seeds: list[int] = []  # that any of them was given
+
     def __init__(self, affordances: tuple[str, ...] = ()) -> None:
         self.affordances = affordances
         self.encoder_passes = 0
@@ -45,6 +47,7 @@ class SurfacePlanner:
         return SimpleNamespace(points=points, normals=normals)
 
     def sample(self, scene, *, support_height, roi, max_candidates, seed):
+        self.seeds.append(seed)
         points = self.render(scene).points
         points = points[points[:, 2] > support_height + 0.02]
         if roi is not None:

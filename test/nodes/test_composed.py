@@ -23,8 +23,11 @@ from nodes.bench import (  # noqa: E402
     mask_of,
     positions,
 )
+from nodes.standin import SurfacePlanner  # noqa: E402
 
 pytestmark = pytest.mark.ros
+
+STREAM_SEED = 1  # of the candidates that nobody asked for
 
 
 def newest(bench, topic):
@@ -356,3 +359,21 @@ def test_answers_say_where_the_pads_will_touch(bench):
         assert apart == pytest.approx(grasp.width, abs=1e-6)
         where = [getattr(grasp.pose.position, axis) for axis in "xyz"]
         np.testing.assert_allclose(np.add(first, second) / 2, where, atol=1e-6)
+
+
+def test_a_view_that_has_not_changed_keeps_the_seed_that_was_drawn(bench):
+    fresh = DetectGrasps.Request.SCENE_FRESH
+    drawn = []
+    for _ in range(2):
+        assert ask(bench, scene=fresh, seed=0).success
+        bench.camera.sends = set()  # nothing changes any more
+        before = len(SurfacePlanner.seeds)
+        first, again = ask(bench, seed=0), ask(bench, seed=0, max_candidates=1)
+        assert first.success and again.success
+        assert again.report.sampled == 1
+        seeds = {s for s in SurfacePlanner.seeds[before:] if s != STREAM_SEED}
+        assert len(seeds) == 1
+        drawn += seeds
+        bench.camera.sends = {"depth", "info"}
+        bench.show(LEFT)
+    assert drawn[0] != drawn[1]

@@ -34,9 +34,9 @@ SECOND = 10**9
 class Rig:
     """A camera over a table, a clock in our hands."""
 
-    def __init__(self, **options) -> None:
+    def __init__(self, workspace=WORKSPACE, **options) -> None:
         self.scene = Scene(WORKSPACE)
-        self.config = LiveConfig(FusionConfig(workspace=WORKSPACE, **options))
+        self.config = LiveConfig(FusionConfig(workspace=workspace, **options))
         self.time = 5 * SECOND
         self.has_tf = True
         self.fusion = DepthFusion(self.config, self.lookup, lambda: self.time)
@@ -378,3 +378,46 @@ def test_a_scene_of_another_workspace_keeps_its_place_and_is_not_fused_into():
     rig.shoot()
     assert rig.fusion.view().frame_id == "base"
     assert rig.fusion.view().volume.view_count == 1
+
+
+def test_a_workspace_is_found_around_what_stands_on_the_table():
+    rig = Rig(
+        workspace=WorkspaceConfig(frame="base", origin=(9.0, 9.0, 9.0), find=True)
+    )
+    rig.fusion.on_camera_info(camera_info())
+    rig.scene.add_box((0.15, 0.15, 0.07))
+    assert rig.shoot()
+    view = rig.fusion.view()
+    T_task_found = np.linalg.inv(rig.scene.T_base_task) @ view.T_frame_task
+    assert T_task_found[2, 3] == pytest.approx(0.0, abs=0.01)  # 5 cm below the table
+    middle = T_task_found[:2, 3] + view.volume.size[:2] / 2
+    np.testing.assert_allclose(middle, 0.15, atol=0.02)
+    np.testing.assert_allclose(view.volume.size, 0.3, atol=0.005)
+    assert len(box_points(rig, np.array([0.15, 0.15, 0.07]) - T_task_found[:3, 3])) > 20
+
+
+def test_a_found_workspace_stays_until_the_scene_is_reset():
+    rig = Rig(workspace=WorkspaceConfig(frame="base", find=True))
+    rig.fusion.on_camera_info(camera_info())
+    rig.scene.add_box((0.15, 0.15, 0.07))
+    assert rig.shoot()
+    before = rig.fusion.view().T_frame_task
+    rig.scene.clear()
+    rig.scene.add_box((0.35, 0.15, 0.07))
+    rig.shoot()
+    np.testing.assert_array_equal(rig.fusion.view().T_frame_task, before)
+    rig.fusion.reset()
+    rig.shoot()
+    moved = rig.fusion.view().T_frame_task[0, 3] - before[0, 3]
+    assert moved > 0.1
+
+
+def test_without_a_level_plane_no_workspace_is_found():
+    rig = Rig(workspace=WorkspaceConfig(frame="base", find=True))
+    rig.fusion.on_camera_info(camera_info())
+    blank = np.full(rig.scene.depth().shape, np.nan, dtype=np.float32)
+    rig.time += SECOND
+    assert not rig.fusion.on_depth(depth_image(blank, rig.time))
+    reason = rig.reason()
+    assert reason.code == Code.EMPTY_WORKSPACE
+    assert "no level plane" in reason.sentence
