@@ -24,7 +24,14 @@ def add_parser(
         help="default val, or held_out")  # fmt: skip
     add("--gripper", default="panda", metavar="NAME|FILE")
     add("--protocol", default="vgn", choices=("vgn", "strict"))
-    add("--policy", default="neugrasp", choices=("neugrasp", "random", "geometry"))
+    add(
+        "--policy", default="neugrasp",
+        choices=(
+            "neugrasp", "random", "geometry",
+            "oracle_sampling", "oracle_local", "oracle_surface",
+        ),
+        help="random and geometry are floors; oracles are told the true surface",
+    )  # fmt: skip
     add("--rounds", type=int, default=100)
     add("--probes", type=int, help="scenes asked about each class; default --rounds")
     add("--seed", type=int, default=0)

@@ -104,8 +104,8 @@ def _shuffled_rays(
     low, high = crop_box(gripper, fov)
     spans = np.array(
         [
-            clip_to_box(*o, *d, low, high)
-            for o, d in zip(origins, directions, strict=True)
+            clip_to_box(ox, oy, oz, dx, dy, dz, low, high)
+            for (ox, oy, oz), (dx, dy, dz) in zip(origins, directions, strict=True)
         ]
     )
     enter = spans[:, 0] < spans[:, 1]

@@ -4,14 +4,17 @@
 import numpy as np
 import pytest
 
-from neugrasp_ros.benchmark.policies import make_policy, repeats
+from neugrasp_ros.benchmark.planning import repeats
+from neugrasp_ros.benchmark.policies import make_policy
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.errors import UnknownNameError
 from neugrasp_ros.geometry.transform import translation
 
 
 def test_unknown_policy_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(UnknownNameError, match="geometry, neugrasp, random, scored"):
+    with pytest.raises(
+        UnknownNameError, match="geometry, neugrasp, oracle_local, oracle_s"
+    ):
         make_policy("best", PlannerConfig())
 
 

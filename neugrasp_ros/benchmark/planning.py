@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all policies share: how they see, find candidates, and answer."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp_ros.benchmark.protocol import Look, Plan
+from neugrasp_ros.config import PlannerConfig
+from neugrasp_ros.fusion.tsdf import empty_volume, integrate
+from neugrasp_ros.grasp.types import GraspSet
+from neugrasp_ros.pipeline import EncodedScene, GraspPlanner
+
+FloatArray = NDArray[np.float64]
+
+MIN_QUALITY = 0.5  # below it a grasp is not worth trying (method sheet, a8)
+REPEAT_DISTANCE = 0.02  # [m], of the TCP, and
+REPEAT_ANGLE = 0.35  # [rad], of the approach: nearer is the grasp that failed before
+
+
+@dataclass
+class Planning:
+    """What the policies share: one planner per gripper, a volume, candidates."""
+
+    config: PlannerConfig
+    planner: GraspPlanner | None = None
+    revision: int = 0
+
+    def encode(self, look: Look) -> tuple[GraspPlanner, EncodedScene]:
+        """Encode what is seen."""
+        if self.planner is None or self.planner.gripper != look.gripper:
+            self.planner = GraspPlanner(self.config, look.gripper)
+        planner = self.planner
+        planner.timings.clear()
+        self.revision += 1
+        view = look.view
+        volume = empty_volume(planner.resolution)
+        volume = integrate(volume, view.depth, view.intrinsics, view.T_task_camera)
+        return planner, planner.encode(volume, self.revision)
+
+    def candidates(
+        self, look: Look, rng: np.random.Generator
+    ) -> tuple[GraspPlanner, EncodedScene, GraspSet]:
+        """Encode what is seen and sample grasps that have not failed before."""
+        planner, scene = self.encode(look)
+        return planner, scene, sample(planner, look, scene, rng)
+
+
+def sample(
+    planner: GraspPlanner, look: Look, scene: EncodedScene, rng: np.random.Generator
+) -> GraspSet:
+    """Sample grasps that have not failed before."""
+    grasps = planner.sample(
+        scene,
+        support_height=look.table_height,
+        seed=int(rng.integers(2**31)),
+    )
+    return grasps.take(~repeats(grasps.poses, look.failed))
+
+
+def repeats(poses: FloatArray, failed: tuple[FloatArray, ...]) -> NDArray[np.bool_]:
+    """Tell which poses (G, 4, 4) are nearly one that failed in this round."""
+    repeat = np.zeros(len(poses), dtype=bool)
+    for bad in failed:
+        near = np.linalg.norm(poses[:, :3, 3] - bad[:3, 3], axis=1) < REPEAT_DISTANCE
+        cosine = poses[:, :3, 2] @ bad[:3, 2]
+        repeat |= near & (cosine > np.cos(REPEAT_ANGLE))
+    return repeat
+
+
+def answer(
+    grasps: GraspSet, planner: GraspPlanner, scene: EncodedScene, candidates: GraspSet
+) -> Plan:
+    """Return grasps with what they were chosen from."""
+    return Plan(
+        grasps=grasps,
+        timings=dict(planner.timings),
+        n_candidates=len(candidates),
+        classes=planner.affordances,
+        candidates=candidates,
+        surface=planner.render(scene).points,
+        field=scene.field,
+    )
