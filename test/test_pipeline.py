@@ -232,6 +232,18 @@ def test_another_resolution_is_rejected_with_the_right_one(fresh):
         fresh.encode(empty_volume(64, EDGE), revision=1)
 
 
+def test_pads_touch_the_completed_surface(planner, scene, candidates):
+    contacts = planner.contacts(scene, candidates)
+    assert contacts.shape == (len(candidates), 2, 3)
+    known = np.isfinite(contacts).all(axis=(1, 2))
+    assert known.mean() > 0.8
+    touched = np.abs(contacts[known] - CENTER).sum(axis=-1)
+    assert np.abs(touched - RADIUS).max() < 2 * EDGE / SIZE
+    across = contacts[known, 0] - contacts[known, 1]
+    closing = candidates.poses[known, :3, 1]
+    assert (np.einsum("gi,gi->g", across, closing) > 0).all()
+
+
 def test_stages_are_timed(planner, scene, candidates):
     poses = candidates.poses.copy()
     poses[:, 2, 3] += 1e-5  # not scored yet
