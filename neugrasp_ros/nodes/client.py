@@ -158,6 +158,7 @@ def _grasp_values(grasp: Grasp) -> dict[str, Any]:
         "arm": grasp.arm,
         "manipulability": _number(grasp.manipulability),
         "joint_positions": list(grasp.joint_positions),
+        "contacts": [[p.x, p.y, p.z] for p in grasp.contacts],
     }
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -87,3 +88,19 @@ def test_the_command_line_runs_a_main_and_hands_its_code_on():
     line = python_main("neugrasp_ros.cli.main", ["--nonsense"])
     lines: list[str] = []
     assert Supervisor([Command("cli", line)], lines.append).wait() == 64
+
+
+def test_an_interrupted_import_ends_without_a_word(tmp_path, monkeypatch):
+    slow = "import time\nprint('importing', flush=True)\ntime.sleep(60)\n"
+    (tmp_path / "slow_module.py").write_text(slow)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    process = subprocess.Popen(
+        python_main("slow_module", ()),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert process.stdout is not None and process.stdout.readline() == "importing\n"
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=30)
+    assert (process.returncode, said) == (-signal.SIGINT, "")

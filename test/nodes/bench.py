@@ -75,7 +75,7 @@ def positions(response) -> np.ndarray:
     return np.array([[p.x, p.y, p.z] for p in poses]).reshape(-1, 3)
 
 
-def mask_of(bench, box) -> Image:
+def mask_of(box) -> Image:
     """Return the pixels in which a box changes the picture of an empty table."""
     alone, empty = Scene(WorkspaceConfig()), Scene(WorkspaceConfig())
     alone.add_box(box)

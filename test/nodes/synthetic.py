@@ -30,27 +30,30 @@ class Scene:
         eye = self.T_base_task @ np.array([-0.25, 0.15, 0.65, 1.0])
         target = self.T_base_task @ np.array([0.15, 0.15, 0.05, 1.0])
         self.T_base_camera = look_at(eye[:3], target[:3])
+        self._version = 0  # a camera may look from another thread meanwhile
+        self._seen = (-1, np.zeros(0))
         self.clear()
 
     def clear(self) -> None:
-        self.boxes: list[np.ndarray] = []
-        self._image: np.ndarray | None = None
+        self.boxes: tuple[np.ndarray, ...] = ()
+        self._version += 1
 
     def add_box(self, center) -> None:
         """Put a 4 cm cube, its centre in the task frame."""
-        self.boxes.append(np.asarray(center, dtype=float))
-        self._image = None
+        self.boxes = (*self.boxes, np.asarray(center, dtype=float))
+        self._version += 1
 
     def depth(self) -> np.ndarray:
-        if self._image is None:
+        version, boxes = self._version, self.boxes
+        if self._seen[0] != version:
             table = box_mesh((1.0, 1.0, 0.02))
             cube = box_mesh((BOX / 2,) * 3)
             poses = [translation(0.15, 0.15, TABLE_Z - 0.02)]
-            poses += [translation(*center) for center in self.boxes]
-            meshes = [table] + [cube] * len(self.boxes)
+            poses += [translation(*center) for center in boxes]
+            meshes = [table] + [cube] * len(boxes)
             scene = MeshScene(meshes, self.T_base_task @ np.array(poses))
-            self._image = scene.depth(CAMERA, self.T_base_camera)
-        return self._image.copy()
+            self._seen = (version, scene.depth(CAMERA, self.T_base_camera))
+        return self._seen[1].copy()
 
 
 def depth_image(depth: np.ndarray, stamp: int, encoding: str = "32FC1"):

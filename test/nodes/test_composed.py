@@ -337,12 +337,12 @@ def test_a_mask_restricts_the_grasps_to_what_it_covers(bench):
     bench.show(LEFT, RIGHT)
     fresh = DetectGrasps.Request.SCENE_FRESH
     for box, sign in ((LEFT, 1), (RIGHT, -1)):
-        answer = ask(bench, scene=fresh, mask=mask_of(bench, box))
+        answer = ask(bench, scene=fresh, mask=mask_of(box))
         assert answer.success and (sign * positions(answer)[:, 1] > 0).all()
         assert answer.report.after_filters <= answer.report.sampled
-    nothing = ask(bench, scene=fresh, mask=mask_of(bench, (0.25, 0.15, 0.07))).report
+    nothing = ask(bench, scene=fresh, mask=mask_of((0.25, 0.15, 0.07))).report
     assert nothing.code == DetectionReport.EMPTY_WORKSPACE
-    small = mask_of(bench, LEFT)
+    small = mask_of(LEFT)
     small.width //= 2
     refused = ask(bench, mask=small).report
     assert refused.code == DetectionReport.INVALID_REQUEST

@@ -21,80 +21,33 @@ from neugrasp_msgs.srv import (  # noqa: E402
     ListAffordances,
     SampleGrasps,
 )
-from nodes.bench import PATIENT, mask_of  # noqa: E402
-from nodes.camera_node import CameraNode, ClientNode  # noqa: E402
-from nodes.standin import SurfacePlanner, make_side_checker  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
+from nodes.bench import mask_of  # noqa: E402
+from nodes.separate_bench import SeparateBench  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
-from neugrasp_ros.nodes.composed import Suite  # noqa: E402
 from neugrasp_ros.nodes.conversions import from_grasp_array, from_tsdf  # noqa: E402
-from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
-from neugrasp_ros.nodes.grasp_evaluator import GraspEvaluatorNode  # noqa: E402
-from neugrasp_ros.nodes.grasp_server import GraspServerNode  # noqa: E402
-from neugrasp_ros.nodes.planner_stages import SharedPlanner  # noqa: E402
-from neugrasp_ros.nodes.reachability_filter import ReachabilityFilterNode  # noqa: E402
-from neugrasp_ros.nodes.runtime import SpinThread  # noqa: E402
-from neugrasp_ros.nodes.scene_renderer import SceneRendererNode  # noqa: E402
-from neugrasp_ros.nodes.settings import WorkspaceConfig  # noqa: E402
-from neugrasp_ros.nodes.tsdf_fusion import TsdfFusionNode  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
 FRESH = DetectGrasps.Request.SCENE_FRESH
 LEFT, RIGHT = (0.15, 0.22, 0.07), (0.15, 0.08, 0.07)
-ORIGIN = np.array(WorkspaceConfig().origin)
-CAMERA_TOPICS = ["--ros-args"]
-for topic in ("depth/image", "depth/camera_info"):
-    CAMERA_TOPICS += ["-r", f"{topic}:=/{topic}"]
-
-
-def make_planner(config) -> SharedPlanner:
-    return SharedPlanner(SurfacePlanner(("pour", "lift")), config.gripper)
-
-
-class Bench:
-    def __init__(self) -> None:
-        self.executor = PatientExecutor(20)
-        self.camera, self.user = CameraNode(), ClientNode()
-        self.other = ClientNode(namespace="one")
-        self.nodes = [self.camera, self.user, self.other]
-        for node in self.nodes:
-            self.executor.add_node(node)
-        self.spinning = SpinThread(self.executor)
-        self.camera.send_tf()
-        self.suite = None
-
-    def add(self, node):
-        self.nodes.append(node)
-        self.executor.add_node(node)
-        return node
-
-    def start_composed(self) -> None:
-        self.suite = Suite(
-            self.executor, make_planner, make_side_checker,
-            namespace="one", cli_args=CAMERA_TOPICS,
-        )  # fmt: skip
-        late = Parameter("max_depth_age", value=PATIENT)
-        self.suite.nodes[0].set_parameters([late])
-        self.suite.load()
-
-    def stop(self) -> None:
-        self.spinning.stop()
-        if self.suite:
-            self.suite.close()
-        for node in self.nodes:
-            node.destroy_node()
-
-    def call(self, kind, name, /, **fields):
-        return self.user.call(kind, name, **fields)
 
 
 @pytest.fixture(scope="module")
 def bench(ros):
-    bench = Bench()
+    bench = SeparateBench()
+    bench.start_separate()
+    bench.start_composed()
     yield bench
     bench.stop()
+
+
+@pytest.fixture(autouse=True)
+def usual(bench, wait_until):
+    """Begin each test with both boxes seen by both suites."""
+    show(bench, LEFT, RIGHT)
+    for user in (bench.user, bench.other):
+        wait_until(lambda u=user: u.ask(scene=FRESH).success, seconds=60.0)
 
 
 def show(bench, *boxes) -> None:
@@ -103,31 +56,7 @@ def show(bench, *boxes) -> None:
         bench.camera.scene.add_box(box)
 
 
-def test_while_the_nodes_start_the_server_names_those_that_are_missing(
-    bench, wait_until
-):
-    show(bench, LEFT, RIGHT)
-    bench.add(GraspServerNode())
-    report = bench.user.ask().report
-    assert report.code == DetectionReport.NOT_ACTIVE
-    for name in ("tsdf_fusion", "scene_renderer", "grasp_evaluator"):
-        assert name in report.message
-    late = Parameter("max_depth_age", value=PATIENT)
-    bench.add(TsdfFusionNode(parameter_overrides=[late]))
-    bench.add(SceneRendererNode(make_planner))
-    bench.add(ReachabilityFilterNode(make_side_checker))
-    wait_until(lambda: "tsdf_fusion" not in bench.user.ask().report.message)
-    report = bench.user.ask().report
-    assert report.code == DetectionReport.NOT_ACTIVE
-    assert "grasp_evaluator" in report.message
-    bench.add(GraspEvaluatorNode(make_planner))
-    wait_until(lambda: bench.user.ask(scene=FRESH).success, seconds=20.0)
-
-
-def test_separate_and_composed_give_the_same_grasps_and_scores(bench, wait_until):
-    bench.start_composed()
-    show(bench, LEFT, RIGHT)
-    wait_until(lambda: bench.other.ask(scene=FRESH).success, seconds=20.0)
+def test_separate_and_composed_give_the_same_grasps_and_scores(bench):
     separate = bench.user.ask(scene=FRESH, seed=5)
     composed = bench.other.ask(scene=FRESH, seed=5)
     assert separate.success and composed.success
@@ -145,7 +74,7 @@ def test_separate_and_composed_give_the_same_grasps_and_scores(bench, wait_until
 def test_masks_and_unknown_names_are_treated_alike_in_both(bench):
     show(bench, LEFT, RIGHT)
     for user in (bench.user, bench.other):
-        left = user.ask(scene=FRESH, mask=mask_of(bench, LEFT))
+        left = user.ask(scene=FRESH, mask=mask_of(LEFT))
         assert left.success and len(left.grasps.grasps)
         assert all(g.pose.position.y > 0 for g in left.grasps.grasps)
         assert all(len(g.contacts) == 2 for g in left.grasps.grasps)
