@@ -19,7 +19,8 @@ FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 Box = tuple[FloatArray, FloatArray]
 
-REFINE_REACH = 0.8  # [voxel]; the field and its network disagree by less, mostly
+REFINE_REACH = 1.2  # [sample]; the field and its network disagree by less, mostly
+REFINE_STEPS = 4
 
 
 def scene_cameras(config: RenderConfig, size: FloatArray) -> FloatArray:
@@ -76,7 +77,7 @@ def render_surface(
     points = points[rows]
     if depth is not None and len(points):
         reach = REFINE_REACH * field.spacing
-        points = refine_crossings(depth, points, directions[rows], reach)
+        points = refine_crossings(depth, points, directions[rows], reach, REFINE_STEPS)
     return points, field.normals(points)
 
 
@@ -104,7 +105,7 @@ def trace_surface(
     if len(hit):
         met = origins[hit] + distances[hit, None] * directions[hit]
         reach = REFINE_REACH * field.spacing
-        refined = refine_crossings(depth, met, directions[hit], reach)
+        refined = refine_crossings(depth, met, directions[hit], reach, REFINE_STEPS)
         distances[hit] += np.einsum("ij,ij->i", refined - met, directions[hit])
     return distances
 
