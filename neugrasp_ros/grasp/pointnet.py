@@ -41,10 +41,12 @@ class PointNet(nn.Module):
     def forward(self, points: Tensor) -> Tensor:
         """Pool points (G, P, F) to (G, outputs); their order does not matter."""
         last, flat = self.layers[-1], self.layers[:-1](points.flatten(0, 1))
-        folded = isinstance(last, nn.Linear)  # its bias may wait for the maximum
-        flat = flat @ last.weight.T if folded else last(flat)
-        pooled: Tensor = flat.unflatten(0, points.shape[:2]).amax(dim=1)
-        return pooled + last.bias if folded else pooled
+        pooled: Tensor
+        if isinstance(last, nn.Linear):  # normalisation folded: the bias may wait
+            pooled = (flat @ last.weight.T).unflatten(0, points.shape[:2]).amax(dim=1)
+            return pooled + last.bias
+        pooled = last(flat).unflatten(0, points.shape[:2]).amax(dim=1)
+        return pooled
 
 
 @DETECTORS.register("neugrasp")
