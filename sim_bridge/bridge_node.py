@@ -42,12 +42,12 @@ from neugrasp_ros.nodes.diagnostics import OK, WARN, Diagnostics, Status
 from neugrasp_ros.nodes.markers import LabelledBox, box_markers
 from neugrasp_ros.nodes.params import declare_config, fixed
 from neugrasp_ros.nodes.qos import latched, newest, overrides, sensor_output
-from neugrasp_ros.nodes.robot_posture import aim_head
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.settings import WorkspaceConfig, part
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.work import answer
 from neugrasp_ros.robot.model import load_robot
+from neugrasp_ros.robot.posture import aim_head
 from sim_bridge.bridge_camera import BridgeCamera
 from sim_bridge.bridge_world import BridgeScenes, BridgeWorld, Snapshot
 from sim_bridge.world import TABLE_HEIGHT

@@ -101,14 +101,21 @@ class BridgeWorld:
         gripper: The gripper that tries grasps.
         scenes: What scenes are made of.
         realtime_factor: Simulated over real time; 0 = as fast as possible.
+        lockstep: Time goes on only with ``advance``.
 
     Raises:
         SimulationError: If the engine does not start.
     """
 
     def __init__(
-        self, gripper: Gripper, scenes: BridgeScenes, realtime_factor: float = 1.0
+        self,
+        gripper: Gripper,
+        scenes: BridgeScenes,
+        realtime_factor: float = 1.0,
+        *,
+        lockstep: bool = False,
     ) -> None:
+        self._lockstep = lockstep
         self.gripper = gripper
         self.scenes = scenes
         self.realtime_factor = realtime_factor
@@ -141,6 +148,23 @@ class BridgeWorld:
             self._jobs.append((future, job))
             self._wake.notify()
         return future
+
+    def advance(self, seconds: float, until: Callable[[], bool] | None = None) -> None:
+        """Let simulated time go on by a whole number of physics steps.
+
+        Args:
+            seconds: How long; with ``until``, the time between two questions.
+            until: Asked in the physics thread whether that is enough; None = at once.
+        """
+        steps = max(1, round(seconds / TIME_STEP))
+
+        def work() -> None:
+            self._world.step(steps)
+            while until is not None and not until():
+                self._world.step(steps)
+            self.snapshot = self._look()
+
+        self.do(work).result()
 
     def close(self) -> None:
         """End the thread and the engine."""
@@ -213,6 +237,10 @@ class BridgeWorld:
                     except Exception as error:  # noqa: BLE001 (handed to the caller)
                         future.set_exception(error)
                     continue
+                if self._lockstep:
+                    with self._wake:
+                        self._wake.wait_for(lambda: self._jobs or self._closed)
+                    continue
                 self._world.step(PACE_STEPS)
 
     def _make_world(self) -> World:
@@ -223,6 +251,8 @@ class BridgeWorld:
         if not self._live:
             return
         self._time += steps * STEP_NS
+        if self._lockstep:
+            return
         self.snapshot = self._look()
         now = time.monotonic()
         start, simulated = self._mark

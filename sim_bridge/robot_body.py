@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -105,6 +105,11 @@ class RobotBody:
             key: [setup.joint_names.index(name) for name in names]
             for key, names in setup.jaws.items()
         }
+        self._pairs: list[tuple[int, int]] = []
+        self._movers, self._parents = _moving_bodies(infos)
+        self._fingers = {
+            self._ids[c] for columns in self._jaws.values() for c in columns
+        }
         self._join_fingers()
         self.reset(q)
 
@@ -169,6 +174,60 @@ class RobotBody:
             if contact.force > 0.0
         ]
 
+    def place(self, q: FloatArray) -> None:
+        """Put all joints to a configuration (J,), for questions about distance only."""
+        for index, value in zip(self._ids, q, strict=True):
+            pybullet.resetJointState(
+                self.body, index, value, 0.0, physicsClientId=self._world.client
+            )
+
+    def depth_in(self, other: int) -> float:
+        """Return how deep it is in another body in [m]; 0 = it is not."""
+        points = pybullet.getClosestPoints(
+            self.body, other, 0.0, physicsClientId=self._world.client
+        )
+        return max((-float(point[8]) for point in points), default=0.0)
+
+    def own_depth(self) -> float:
+        """Return how deep its links are in each other in [m]; 0 = they are not.
+
+        Links of one moving body, or of two that share a joint, may touch; so may the
+        two fingers of a hand and what carries them.
+        """
+        depth = 0.0
+        for first, second in self._own_pairs():
+            points = pybullet.getClosestPoints(
+                self.body, self.body, 0.0, first, second,
+                physicsClientId=self._world.client,
+            )  # fmt: skip
+            depth = max([depth, *(-float(point[8]) for point in points)])
+        return depth
+
+    def _own_pairs(self) -> list[tuple[int, int]]:
+        """Return the pairs of solid links that must not be in each other."""
+        if not self._pairs:
+            solid = [
+                link
+                for link in self._movers
+                if pybullet.getCollisionShapeData(
+                    self.body, link, physicsClientId=self._world.client
+                )
+            ]
+            self._pairs = [
+                (a, b)
+                for k, a in enumerate(solid)
+                for b in solid[k + 1 :]
+                if self._movers[a] != self._movers[b]
+                and not self._are_neighbours(self._movers[a], self._movers[b])
+            ]
+        return self._pairs
+
+    def _are_neighbours(self, first: int, second: int) -> bool:
+        parents = self._parents
+        if first in self._fingers and second in self._fingers:
+            return parents[first] == parents[second]
+        return parents.get(first) == second or parents.get(second) == first
+
     def _advance(self, key: str, q: FloatArray) -> float:
         opening = float(q[self._jaws[key]].sum())
         return float(tip_advance_at(self._setup.grippers[key], opening))
@@ -191,6 +250,22 @@ class RobotBody:
                 maxForce=GEAR_FORCE_RATIO * self._setup.grippers[key].max_force,
                 physicsClientId=client,
             )
+
+
+def _moving_bodies(infos: Sequence[Any]) -> tuple[dict[int, int], dict[int, int]]:
+    """Return for each link the joint that moves it, and for each such joint the next.
+
+    The base is -1.
+    """
+    movers, parents = {-1: -1}, {}
+    for info in infos:
+        index, kind, parent = info[0], info[2], info[16]
+        if kind == pybullet.JOINT_FIXED:
+            movers[index] = movers[parent]
+        else:
+            movers[index] = index
+            parents[index] = movers[parent]
+    return movers, parents
 
 
 def _locked(setup: RobotSetup) -> str:

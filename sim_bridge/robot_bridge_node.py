@@ -32,29 +32,25 @@ from neugrasp_ros.nodes.conversions import to_stamp
 from neugrasp_ros.nodes.diagnostics import Status
 from neugrasp_ros.nodes.markers import LabelledBox, box_markers
 from neugrasp_ros.nodes.qos import latched, newest
-from neugrasp_ros.nodes.robot_posture import aim_head
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.robot.link_meshes import LinkMeshes, VisualMeshes
 from neugrasp_ros.robot.model import RobotModel, load_robot
-from neugrasp_ros.robot.urdf import advance_joint, finger_joints
 from sim_bridge.bridge_node import NAME, BridgeConfig, SimBridgeNode
 from sim_bridge.bridge_world import BridgeScenes, BridgeWorld, Snapshot
 from sim_bridge.furniture import BINS, Block, Furniture
-from sim_bridge.joint_drive import DriveLimits
-from sim_bridge.robot_body import RobotSetup
 from sim_bridge.robot_camera import Bystander, Parts, RobotCamera
+from sim_bridge.robot_cell import (
+    HEAD_JOINTS,
+    StanceRule,
+    draw_stance,
+    robot_controllers,
+    robot_setup,
+)
 from sim_bridge.robot_ports import ControllerPort
-from sim_bridge.robot_world import RobotWorld, Stance, finger_joint
-from sim_bridge.world import TABLE_HEIGHT
+from sim_bridge.robot_world import RobotWorld, Stance
 
 FloatArray = NDArray[np.float64]
 
-HEAD_JOINTS = ("head_1_joint", "head_2_joint")
-FINGER_TRAVEL = 0.8  # [rad] from open to closed
-FINGER_BOUNDS = (3.0, 60.0, 2000.0)  # velocity, acceleration, jerk of a finger joint
-PLACE_SPREAD = 0.02  # [m]; of where the base stands
-TORSO_SPREAD = (0.10, 0.30)  # [m]
-AIM_SPREAD = 0.04  # [m]; of the point that the head looks at
 THREADS = 12
 
 
@@ -88,33 +84,18 @@ class RobotBridgeNode(SimBridgeNode):
     def _stance(self, furniture: Furniture, seed: int) -> Stance:
         """Return where furniture and joints are when a scene begins."""
         config: Any = self._config.current
-        x, y, _ = config.workspace.origin
-        T = translation(x, y, furniture.support_height - TABLE_HEIGHT)
-        middle = (T @ [0.15, 0.15, TABLE_HEIGHT, 1.0])[:3]
-        torso = config.torso
-        if config.random_view:
-            rng = np.random.default_rng([seed, 7])
-            T[:2, 3] += rng.uniform(-PLACE_SPREAD, PLACE_SPREAD, 2)
-            torso = rng.uniform(*TORSO_SPREAD)
-            middle[:2] += rng.uniform(-AIM_SPREAD, AIM_SPREAD, 2)
-        robot = self._robot
-        q = robot.configuration({"torso_lift_joint": torso}, default=robot.home)
-        q = aim_head(
-            robot, q, middle, camera_frame=config.camera.frame, head_joints=HEAD_JOINTS
+        rule = StanceRule(
+            camera_frame=config.camera.frame,
+            place=config.workspace.origin[:2],
+            torso=config.torso,
+            random_view=config.random_view,
         )
-        return Stance(T, q)
+        return draw_stance(self._robot, furniture, seed, rule)
 
     def _make_world(self, config: BridgeConfig) -> BridgeWorld:
         robot = self._robot
-        controllers, limits = _controllers(robot)
-        setup = RobotSetup(
-            urdf=robot.urdf,
-            joint_names=robot.joint_names,
-            T_base_root=robot.T_base_root,
-            jaws={key: finger_joints(key) for key in robot.grippers},
-            carriages={key: advance_joint(key) for key in robot.grippers},
-            grippers=robot.grippers,
-        )
+        controllers, limits = robot_controllers(robot)
+        setup = robot_setup(robot)
         scenes = BridgeScenes(config.objects, config.object_part)
         world = RobotWorld(
             setup, controllers, limits, self._stance, scenes, config.realtime_factor
@@ -230,34 +211,6 @@ def _told_frames(robot: RobotModel, camera_frame: str) -> tuple[str, ...]:
     description = robot.description
     tips = [description.groups[arm].tcp_frame for arm in description.arms]
     return tuple(dict.fromkeys([camera_frame, *tips, *description.frames]))
-
-
-def _controllers(
-    robot: RobotModel,
-) -> tuple[dict[str, tuple[str, ...]], dict[str, DriveLimits]]:
-    """Return joints and limits of the robot's controllers, named as on the robot."""
-    controllers = {
-        "torso_controller": ("torso_lift_joint",),
-        "head_controller": HEAD_JOINTS,
-    }
-    for group in robot.description.arms:
-        name = group.removesuffix("_torso")
-        joints = robot.description.groups[group].joints
-        controllers[f"{name}_controller"] = tuple(
-            joint for joint in joints if joint != "torso_lift_joint"
-        )
-    limits = {}
-    for name, joints in controllers.items():
-        own = robot.limits.take(np.array([robot.joint_names.index(j) for j in joints]))
-        limits[name] = DriveLimits(
-            own.lower, own.upper, own.velocity, own.acceleration, own.jerk
-        )
-    for key in robot.grippers:
-        name = f"gripper_{key}_controller"
-        controllers[name] = (finger_joint(key),)
-        bounds = (0.0, FINGER_TRAVEL, *FINGER_BOUNDS)
-        limits[name] = DriveLimits(*(np.array([value]) for value in bounds))
-    return controllers, limits
 
 
 def _box(block: Block) -> LabelledBox:

@@ -6,6 +6,7 @@ the furniture's top; where the robot stands in it is drawn anew with every scene
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,11 @@ from sim_bridge.bridge_world import (
     BridgeWorld,
     Snapshot,
 )
+from sim_bridge.contact import BodyDynamics
 from sim_bridge.furniture import BINS, FURNITURE, Block, Furniture, read_kind
-from sim_bridge.joint_drive import DriveLimits, JointDrive
+from sim_bridge.joint_drive import DriveLimits, DriveState, JointDrive
+from sim_bridge.limit_watch import LimitUse
+from sim_bridge.objects.model import ObjectModel
 from sim_bridge.robot_body import RobotBody, RobotSetup, Touch
 from sim_bridge.scenes import build_scene
 from sim_bridge.trial_result import TrialResult
@@ -28,6 +32,7 @@ from sim_bridge.world import FAST_ITERATIONS, World
 
 FloatArray = NDArray[np.float64]
 
+ROLLING = 1e-3  # [m]; rolling and spinning friction of objects
 CONTROL_STEPS = 2  # physics steps between two set points: 120 Hz
 
 
@@ -96,6 +101,18 @@ class _FurnishedWorld(World):
         self.blocks[body] = block
         return body
 
+    def load_object(
+        self,
+        model: ObjectModel,
+        T_world_object: FloatArray,
+        dynamics: BodyDynamics | None = None,
+    ) -> int:
+        """Load an object that does not roll on for ever, as none does on wood."""
+        dynamics = replace(
+            dynamics or BodyDynamics(), rolling=ROLLING, spinning=ROLLING
+        )
+        return super().load_object(model, T_world_object, dynamics)
+
     def step(self, count: int = 1) -> None:
         """Advance time; the robot's motors are told where to pull every few steps."""
         for done in range(0, count, CONTROL_STEPS):
@@ -115,9 +132,11 @@ class RobotWorld(BridgeWorld):
         stand: Says how the robot stands at a furniture for a seed.
         scenes: What scenes are made of.
         realtime_factor: Simulated over real time; 0 = as fast as possible.
+        lockstep: Time goes on only with ``advance``.
 
     Attributes:
         largest_touch: The strongest contact of robot and furniture in this scene.
+        limit_use: How much of their limits the drives' set points used in this scene.
     """
 
     def __init__(
@@ -128,15 +147,18 @@ class RobotWorld(BridgeWorld):
         stand: Callable[[Furniture, int], Stance],
         scenes: BridgeScenes,
         realtime_factor: float = 1.0,
+        *,
+        lockstep: bool = False,
     ) -> None:
         self.setup, self.controllers = setup, controllers
         self._limits, self._stand = limits, stand
         self._body: RobotBody | None = None
         self.drives: dict[str, JointDrive] = {}
         self.largest_touch = Touch("", -1, 0.0)
+        self.limit_use = LimitUse()
         self.furniture = FURNITURE["table"]
         gripper = next(iter(setup.grippers.values()))
-        super().__init__(gripper, scenes, realtime_factor)
+        super().__init__(gripper, scenes, realtime_factor, lockstep=lockstep)
 
     def check_kind(self, kind: str) -> None:
         """Refuse unknown furniture and scene kinds.
@@ -185,7 +207,9 @@ class RobotWorld(BridgeWorld):
             for name, joints in self.controllers.items()
         }
         self.largest_touch = Touch("", -1, 0.0)
+        self.limit_use = LimitUse()
         self._body = body
+        self._blocks = tuple(world.blocks.values())
         self._states = body.states()
 
     def _start_of(self, joints: tuple[str, ...]) -> FloatArray:
@@ -223,7 +247,10 @@ class RobotWorld(BridgeWorld):
         self._states = body.states()
         position, velocity = self._stance.q.copy(), np.zeros(len(names))
         for drive in self.drives.values():
+            moves = drive.state is not DriveState.HOLDING
             point = drive.setpoint(now)
+            if moves:
+                self.limit_use = self.limit_use.including(point, drive.limits)
             for joint, value, speed in zip(
                 drive.names, point.position, point.velocity, strict=True
             ):
@@ -250,7 +277,6 @@ class RobotWorld(BridgeWorld):
         plain = super()._look()
         if self._body is None:
             return plain
-        assert isinstance(self._world, _FurnishedWorld)
         q = self._states.positions
         return plain._replace(
             robot=RobotView(
@@ -262,6 +288,6 @@ class RobotWorld(BridgeWorld):
                     for key in self.setup.jaws
                 },
                 stance=self._stance,
-                blocks=tuple(self._world.blocks.values()),
+                blocks=self._blocks,
             )
         )

@@ -12,7 +12,7 @@ from neugrasp_ros.errors import NeuGraspError
 
 COMMANDS = (
     "demo", "summarize", "up", "detect", "doctor", "transport", "warm",
-    "datagen", "agreement", "train", "evaluate", "bench", "profile",
+    "datagen", "agreement", "train", "evaluate", "bench", "profile", "robot",
 )  # fmt: skip
 USAGE = 64  # exit code for a wrong command line, as in sysexits.h
 FAILURE = 1

@@ -151,16 +151,30 @@ class GraspExecutor:
         around = self._hardware.surroundings().without(
             T[:3, 3], self._mover.config.held_radius
         )
-        q = self._hardware.configuration()
         report("carry", 0.0)
-        point = np.array(self._config.drop_point(arm))
-        over = self._mover.plan_drop(q, arm, point, around)
-        self._hardware.follow(arm, over)
+        try:
+            self._carry(arm, around)
+        except MotionError as error:
+            _log.info("what %s holds got stuck (%s): again from above", arm, error)
+            self._raise(arm)
+            self._carry(arm, around)
         report("release", 0.6)
         self._open(arm)
         self.held = None
         report("home", 0.7)
         self.go_home(arm, around)
+
+    def _carry(self, arm: str, around: Surroundings) -> None:
+        """Move until the hand hangs over its arm's box."""
+        q = self._hardware.configuration()
+        point = np.array(self._config.drop_point(arm))
+        self._hardware.follow(arm, self._mover.plan_drop(q, arm, point, around))
+
+    def _raise(self, arm: str) -> None:
+        """Move the hand straight up, out of a place that is too narrow."""
+        up = np.array([0.0, 0.0, self._config.back_out])
+        q = self._hardware.configuration()
+        self._hardware.follow(arm, self._mover.plan_shift(q, arm, up))
 
     def go_home(self, arm: str, around: Surroundings | None = None) -> None:
         """Return to the resting posture; where that is not possible, back out first.
@@ -175,8 +189,7 @@ class GraspExecutor:
             home = self._mover.plan_home(q, arm, around)
         except MotionError as error:
             _log.info("no way home at once (%s): moving up first", error)
-            up = np.array([0.0, 0.0, self._config.back_out])
-            self._hardware.follow(arm, self._mover.plan_shift(q, arm, up))
+            self._raise(arm)
             q = self._hardware.configuration()
             home = self._mover.plan_home(q, arm, around)
         self._hardware.follow(arm, home)

@@ -29,6 +29,7 @@ from neugrasp_ros.robot.reachability import Reach, ReachabilityChecker
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+JERK_SHARE = 0.7  # a controller's polynomial between two points needs the rest
 DROP_YAWS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # [rad]
 DROP_TILTS = (0.0, 0.4)  # [rad]; of the hand, which need not hang straight down
 REACH_WORDS = {
@@ -103,7 +104,7 @@ class ArmMover:
             own,
             velocity=own.velocity * self.config.speed,
             acceleration=own.acceleration * self.config.speed,
-            jerk=own.jerk * self.config.speed,
+            jerk=own.jerk * self.config.speed * JERK_SHARE,
         )
 
     def plan_grasp(

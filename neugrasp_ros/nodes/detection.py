@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.errors import NeuGraspError
 from neugrasp_ros.grasp.queries import parse_query
+from neugrasp_ros.nodes.conversions import to_pose, to_stamp
 from neugrasp_ros.nodes.grasp_list import GraspList, Reach
 from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
 from neugrasp_ros.nodes.planner_stages import Box, Staged, in_box
@@ -25,6 +26,7 @@ from neugrasp_ros.nodes.settings import ServerConfig
 FloatArray = NDArray[np.float64]
 
 NEWEST = 0  # a stamp that means the newest transforms
+HINT_TIME = 3.0  # [s] that must be left to look for a place for the base
 BATCH = 64  # candidates scored between two looks at the clock
 PROGRESS = {
     "fusion": 0.05,
@@ -73,6 +75,11 @@ class Stages(Protocol):
         self, grasps: GraspList, arms: tuple[str, ...], deadline: float
     ) -> GraspList:
         """Check grasps against the robot."""
+
+    def suggest_base(
+        self, grasps: GraspList, arms: tuple[str, ...]
+    ) -> tuple[str, FloatArray] | None:
+        """Return where the base would have to stand (4, 4) and in which frame."""
 
     def transform(self, target: str, source: str, stamp: int) -> FloatArray:
         """Return ``T_target_source``; raises ``DetectionError`` TF_ERROR."""
@@ -298,11 +305,23 @@ class Detection:
         self._outcome.report.after_reachability = len(kept)
         if not len(kept):
             self._outcome.grasps = None
+            self._hint(grasps)
             raise DetectionError(
                 Code.NONE_REACHABLE,
                 f"none of {len(grasps)} grasps can be reached: {reasons(codes)}",
             )
         return kept
+
+    def _hint(self, grasps: GraspList) -> None:
+        """Say where the base would have to stand, if there is time to find out."""
+        if time.monotonic() > self._deadline - HINT_TIME:
+            return
+        found = self._stages.suggest_base(grasps, self._wanted.arms)
+        if found is not None:
+            place = self._outcome.report.suggested_base
+            place.header.frame_id, T = found
+            place.header.stamp = to_stamp(grasps.info.stamp)
+            place.pose = to_pose(T)
 
     def _answer(self, grasps: GraspList) -> GraspList:
         grasps = grasps.take(np.arange(min(self._wanted.max_grasps, len(grasps))))

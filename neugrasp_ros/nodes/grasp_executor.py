@@ -163,9 +163,11 @@ class GraspExecutorNode(Node):
         self._hardware.boxes = boxes
 
     def _on_goal(self, _: Any) -> GoalResponse:
-        if self._turn.locked():
-            self.get_logger().warning("goal rejected: another grasp is carried out")
+        """Accept a goal with the turn, so that none comes in before it starts."""
+        if not self._turn.acquire(blocking=False):
+            self.get_logger().warning("goal rejected: another motion is carried out")
             return GoalResponse.REJECT
+        self._controllers.clear_stop()
         return GoalResponse.ACCEPT
 
     def _on_cancel(self, _: Any) -> CancelResponse:
@@ -176,9 +178,10 @@ class GraspExecutorNode(Node):
         def report(stage: str, share: float) -> None:
             goal.publish_feedback(ExecuteGrasp.Feedback(stage=stage, progress=share))
 
-        with self._turn:
-            self._controllers.clear_stop()
+        try:
             outcome = self._execute(goal.request, report)
+        finally:
+            self._turn.release()
         line = f"{outcome.kind.name}: {outcome.message}"
         self.get_logger().info(line)
         if outcome.kind is GraspOutcome.CANCELED and goal.is_cancel_requested:

@@ -99,6 +99,14 @@ class LocalStages(Stages):
         """Check grasps against the robot."""
         return loaded(self.reach).check(grasps, arms)
 
+    def suggest_base(
+        self, grasps: GraspList, arms: tuple[str, ...]
+    ) -> tuple[str, NDArray[np.float64]] | None:
+        """Return where the base would have to stand, and in which frame."""
+        reach = loaded(self.reach)
+        place = reach.suggest_base(grasps, arms)
+        return None if place is None else (reach.base_frame, place)
+
     def transform(self, target: str, source: str, stamp: int) -> NDArray[np.float64]:
         """Return ``T_target_source``."""
         return self._transforms(target, source, stamp)

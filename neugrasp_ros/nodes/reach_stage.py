@@ -54,6 +54,24 @@ class Checker(Protocol):
             boxes: Known solid boxes in the base frame.
         """
 
+    def suggest_base(
+        self,
+        T_base_grippers: FloatArray,
+        arms: tuple[str, ...],
+        start: Mapping[str, float],
+        points: FloatArray | None,
+        boxes: Sequence[SolidBox] = (),
+    ) -> FloatArray | None:
+        """Return where the base would have to stand (4, 4), None if nowhere near.
+
+        Args:
+            T_base_grippers: Gripper poses, the best first, shape (G, 4, 4).
+            arms: As of ``check``, like the others.
+            start: Present joint values by name.
+            points: Surface of the scene.
+            boxes: Known solid boxes.
+        """
+
     def tcp_frame(self, arm: str) -> str:
         """Return the TF frame of an arm's TCP."""
 
@@ -111,9 +129,7 @@ class RobotChecker:
         boxes: Sequence[SolidBox] = (),
     ) -> Checked:
         """Check poses (G, 4, 4), see ``Checker``."""
-        q_start = self._robot.configuration(start, default=self._robot.home)
-        if points is not None and len(points):
-            points = points[self._checker.collisions.off_robot(points, q_start)]
+        q_start, points = self._now(start, points)
         obstacles = None
         if points is not None or boxes:
             obstacles = make_obstacles(points, boxes=boxes)
@@ -130,6 +146,38 @@ class RobotChecker:
             joints=tuple(result.q[r] if result.reachable[r] else nothing for r in rows),
         )
         return Checked(reach, result.flipped & result.reachable)
+
+    def suggest_base(
+        self,
+        T_base_grippers: FloatArray,
+        arms: tuple[str, ...],
+        start: Mapping[str, float],
+        points: FloatArray | None,
+        boxes: Sequence[SolidBox] = (),
+    ) -> FloatArray | None:
+        """Return where the base would have to stand, see ``Checker``."""
+        from neugrasp_ros.robot.base_placement import suggest_base
+
+        q_start, points = self._now(start, points)
+        with self._lock:
+            found = suggest_base(
+                self._checker,
+                T_base_grippers,
+                arms=arms,
+                start=q_start,
+                points_base=points,
+                boxes=boxes,
+            )
+        return found.T_base_place if found.reachable else None
+
+    def _now(
+        self, start: Mapping[str, float], points: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Return the present configuration, and the points that are not the robot."""
+        q = self._robot.configuration(start, default=self._robot.home)
+        if points is not None and len(points):
+            points = points[self._checker.collisions.off_robot(points, q)]
+        return q, points
 
 
 def load_checker(config: ReachConfig) -> Checker:
@@ -235,6 +283,31 @@ class ReachStage:
         )
         turned = replace(grasps.grasps, poses=poses)
         return replace(grasps, info=info, grasps=turned, reach=reach)
+
+    def suggest_base(
+        self, grasps: GraspList, arms: tuple[str, ...]
+    ) -> FloatArray | None:
+        """Return where the base would have to stand, seen from where it stands now.
+
+        Args:
+            grasps: Grasps that cannot be reached, the best first.
+            arms: As of ``check``.
+
+        Returns:
+            Pose in ``base_frame``, shape (4, 4); None if there is no such place near.
+
+        Raises:
+            DetectionError: As ``check``.
+        """
+        info = grasps.info
+        T = self._transforms(self._checker.base_frame, info.frame_id, info.stamp)
+        return self._checker.suggest_base(
+            T @ grasps.grasps.poses,
+            arms or self._config.current.arms,
+            self._joints(),
+            self._obstacles(),
+            self.boxes,
+        )
 
     def _obstacles(self) -> FloatArray | None:
         """Return the seen surface in the robot's base frame, None without a scene."""

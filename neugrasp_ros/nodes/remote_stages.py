@@ -167,6 +167,12 @@ class RemoteStages(Stages):
         response = _good(call(self._check, request, deadline))
         return from_grasp_array(response.grasps)
 
+    def suggest_base(
+        self, grasps: GraspList, arms: tuple[str, ...]
+    ) -> tuple[str, NDArray[np.float64]] | None:
+        """Return None: the robot is in another process, whose service has no hint."""
+        return None
+
     def transform(self, target: str, source: str, stamp: int) -> NDArray[np.float64]:
         """Return ``T_target_source``."""
         return self._transforms(target, source, stamp)

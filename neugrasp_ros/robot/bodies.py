@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from neugrasp_ros.robot.chain import append_pose, turn_z_to
+from neugrasp_ros.robot.chain import turn_z_to
 from neugrasp_ros.robot.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -215,22 +215,38 @@ def body_poses(tree, q, rotations, positions):  # type: ignore[no-untyped-def]
         positions: Receives positions in [m], shape (J + 1, 3).
     """
     joints = q.shape[0]
-    positions[joints] = 0.0
-    rotations[joints] = 0.0
     for i in range(3):
-        rotations[joints, i, i] = 1.0
+        positions[joints, i] = 0.0
+        for j in range(3):
+            rotations[joints, i, j] = 1.0 if i == j else 0.0
     for k in range(joints):
-        parent = tree.parents[k] if tree.parents[k] >= 0 else joints
-        R, p = rotations[k], positions[k]
-        R[:] = rotations[parent]
-        p[:] = positions[parent]
-        append_pose(R, p, tree.rotations[k], tree.offsets[k])
-        if tree.prismatic[k]:
-            for i in range(3):
-                p[i] += q[k] * R[i, 2]
-        else:
-            c, s = np.cos(q[k]), np.sin(q[k])
-            for i in range(3):
-                x, y = R[i, 0], R[i, 1]
-                R[i, 0] = c * x + s * y
-                R[i, 1] = c * y - s * x
+        move_body(tree, q[k], k, rotations, positions)
+
+
+@njit(cache=True, error_model="numpy")
+def move_body(tree, value, k, rotations, positions):  # type: ignore[no-untyped-def]
+    """Write the pose of body ``k`` behind its parent's, as ``body_poses``.
+
+    Args:
+        tree: The joints.
+        value: Of its joint in [rad] or [m].
+        k: The body.
+        rotations: Rotations so far, shape (J + 1, 3, 3).
+        positions: Positions so far in [m], shape (J + 1, 3).
+    """
+    parent = tree.parents[k] if tree.parents[k] >= 0 else positions.shape[0] - 1
+    steps, offsets, slides = tree.rotations, tree.offsets, tree.prismatic[k]
+    x, y, z = offsets[k, 0], offsets[k, 1], offsets[k, 2]
+    turn_c, turn_s = (1.0, 0.0) if slides else (np.cos(value), np.sin(value))
+    for i in range(3):
+        a = rotations[parent, i, 0]
+        b = rotations[parent, i, 1]
+        c = rotations[parent, i, 2]
+        u = a * steps[k, 0, 0] + b * steps[k, 1, 0] + c * steps[k, 2, 0]
+        v = a * steps[k, 0, 1] + b * steps[k, 1, 1] + c * steps[k, 2, 1]
+        w = a * steps[k, 0, 2] + b * steps[k, 1, 2] + c * steps[k, 2, 2]
+        rotations[k, i, 0] = turn_c * u + turn_s * v
+        rotations[k, i, 1] = turn_c * v - turn_s * u
+        rotations[k, i, 2] = w
+        shift = value * w if slides else 0.0
+        positions[k, i] = positions[parent, i] + a * x + b * y + c * z + shift

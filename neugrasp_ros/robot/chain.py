@@ -91,13 +91,18 @@ def turn_z_to(axis: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
-def append_pose(rotation, position, step, offset):  # type: ignore[no-untyped-def]
-    """Multiply a pose, in place, by a constant one."""
+def append_pose(rotation, position, steps, offsets, k):  # type: ignore[no-untyped-def]
+    """Multiply a pose, in place, by the k-th of some constant ones.
+
+    A row is not taken out of the arrays: that costs more than the product.
+    """
+    x, y, z = offsets[k, 0], offsets[k, 1], offsets[k, 2]
     for i in range(3):
         a, b, c = rotation[i, 0], rotation[i, 1], rotation[i, 2]
-        position[i] += a * offset[0] + b * offset[1] + c * offset[2]
-        for j in range(3):
-            rotation[i, j] = a * step[0, j] + b * step[1, j] + c * step[2, j]
+        position[i] += a * x + b * y + c * z
+        rotation[i, 0] = a * steps[k, 0, 0] + b * steps[k, 1, 0] + c * steps[k, 2, 0]
+        rotation[i, 1] = a * steps[k, 0, 1] + b * steps[k, 1, 1] + c * steps[k, 2, 1]
+        rotation[i, 2] = a * steps[k, 0, 2] + b * steps[k, 1, 2] + c * steps[k, 2, 2]
 
 
 @njit(cache=True, error_model="numpy")
@@ -112,26 +117,28 @@ def tip_and_axes(chain, q, rotation, position, axes, origins):  # type: ignore[n
         axes: Receives the joint axes, shape (n, 3).
         origins: Receives the joint origins in [m], shape (n, 3).
     """
-    rotation[:] = 0.0
-    position[:] = 0.0
+    steps, offsets = chain.rotations, chain.offsets
     for i in range(3):
-        rotation[i, i] = 1.0
-    for k in range(len(q)):
-        append_pose(rotation, position, chain.rotations[k], chain.offsets[k])
-        for i in range(3):
-            axes[k, i] = rotation[i, 2]
+        position[i] = 0.0
+        for j in range(3):
+            rotation[i, j] = 1.0 if i == j else 0.0
+    for k in range(q.shape[0]):
+        append_pose(rotation, position, steps, offsets, k)
+        value = q[k]
         if chain.prismatic[k]:
             for i in range(3):
-                position[i] += q[k] * rotation[i, 2]
-        else:
-            c, s = np.cos(q[k]), np.sin(q[k])
-            for i in range(3):
-                x, y = rotation[i, 0], rotation[i, 1]
-                rotation[i, 0] = c * x + s * y
-                rotation[i, 1] = c * y - s * x
+                axes[k, i] = rotation[i, 2]
+                position[i] += value * rotation[i, 2]
+                origins[k, i] = position[i]
+            continue
+        c, s = np.cos(value), np.sin(value)
         for i in range(3):
+            axes[k, i] = rotation[i, 2]
             origins[k, i] = position[i]
-    append_pose(rotation, position, chain.rotations[len(q)], chain.offsets[len(q)])
+            x, y = rotation[i, 0], rotation[i, 1]
+            rotation[i, 0] = c * x + s * y
+            rotation[i, 1] = c * y - s * x
+    append_pose(rotation, position, steps, offsets, q.shape[0])
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,11 +12,11 @@ from neugrasp_ros.robot.contact import (
     FREE,
     SELF,
     Scope,
-    World,
     path_contacts,
 )
 from neugrasp_ros.robot.model import RobotModel
 from neugrasp_ros.robot.obstacles import Obstacles, make_obstacles
+from neugrasp_ros.robot.posing import World
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

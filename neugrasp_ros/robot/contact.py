@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from neugrasp_ros.robot.bodies import Hulls, JointTree, body_poses
 from neugrasp_ros.robot.gjk import closer_than, still_apart
-from neugrasp_ros.robot.obstacles import CELL, Obstacles
+from neugrasp_ros.robot.obstacles import CELL
+from neugrasp_ros.robot.posing import make_buffers, pose_world
 
 CELL_RADIUS = CELL * 0.8661  # [m]; from the middle of a cell to its corners
 
@@ -42,23 +42,6 @@ class Scope(NamedTuple):
     padding: NDArray[np.float64]
     hand: NDArray[np.bool_]
     self_padding: float
-
-
-class World(NamedTuple):
-    """The robot and what is around it.
-
-    Attributes:
-        tree: Its joints.
-        hulls: Its hulls.
-        body_balls: Ball around all hulls of each body, in the body frame: centre and
-            radius in [m]; the base last, shape (J + 1, 4).
-        obstacles: What is around it.
-    """
-
-    tree: JointTree
-    hulls: Hulls
-    body_balls: NDArray[np.float64]
-    obstacles: Obstacles
 
 
 @njit(cache=True, error_model="numpy")
@@ -120,25 +103,6 @@ def _hull(hulls, rotations, positions, index):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _place(hulls, rotations, positions, centers, axes):  # type: ignore[no-untyped-def]
-    """Write the bounding boxes' centres and axes in the base frame."""
-    for g in range(hulls.bodies.shape[0]):
-        body = hulls.bodies[g]
-        if body < 0:
-            body = rotations.shape[0] - 1
-        R = rotations[body]
-        for i in range(3):
-            centers[g, i] = positions[body, i]
-            for k in range(3):
-                centers[g, i] += R[i, k] * hulls.centers[g, k]
-            for j in range(3):
-                total = 0.0
-                for k in range(3):
-                    total += R[i, k] * hulls.axes[g, k, j]
-                axes[g, i, j] = total
-
-
-@njit(cache=True, error_model="numpy")
 def _gap(p, q):  # type: ignore[no-untyped-def]
     return (p[0] - q[0], p[1] - q[1], p[2] - q[2])
 
@@ -149,21 +113,10 @@ def _within(d, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _place_balls(world, rotations, positions, balls):  # type: ignore[no-untyped-def]
-    """Write the centres of the bodies' balls in the base frame."""
-    for body in range(balls.shape[0]):
-        R, c = rotations[body], world.body_balls[body]
-        for i in range(3):
-            balls[body, i] = (
-                positions[body, i] + R[i, 0] * c[0] + R[i, 1] * c[1] + R[i, 2] * c[2]
-            )
-
-
-@njit(cache=True, error_model="numpy")
 def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
     """Return the first pair of hulls closer than the padding, or -1."""
     hulls, margin = world.hulls, scope.self_padding
-    rotations, positions, centers, axes, balls, splits, scratch = buffers
+    rotations, positions, centers, axes, balls, splits, scratch, _ = buffers
     for n in range(scope.body_pairs.shape[0]):
         a, b = scope.body_pairs[n, 0], scope.body_pairs[n, 1]
         reach = world.body_balls[a, 3] + world.body_balls[b, 3] + margin
@@ -191,7 +144,7 @@ def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
 def _hits_box(world, g, k, margin, buffers):  # type: ignore[no-untyped-def]
     """Return whether hull ``g`` is closer than the margin to solid box ``k``."""
     hulls, solid = world.hulls, world.obstacles.boxes
-    rotations, positions, centers, axes, _, _, scratch = buffers
+    rotations, positions, centers, axes, _, _, scratch, _ = buffers
     d = _gap(centers[g], solid.centers[k])
     mine, other = (axes[g], hulls.halves[g]), (solid.axes[k], solid.halves[k])
     if _boxes_apart(d, mine, other, margin, scratch):
@@ -307,7 +260,7 @@ def _near_points(center, reach, origin, cells):  # type: ignore[no-untyped-def]
 def _first_in_scene(world, scope, held, buffers):  # type: ignore[no-untyped-def]
     """Return the number of the first mover that touches an obstacle, or -1."""
     # balls come first: a call that takes the whole world costs more than they do
-    rotations, positions, centers, axes, _, _, _ = buffers
+    rotations, positions, centers, axes, _, _, _, _ = buffers
     hulls, obstacles = world.hulls, world.obstacles
     boxes, some_points = obstacles.boxes, obstacles.points.shape[0] > 0
     nothing = (0.0, 0.0, 0.0, -1.0)
@@ -334,23 +287,21 @@ def _first_in_scene(world, scope, held, buffers):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def contact(world, scope, q, held, buffers):  # type: ignore[no-untyped-def]
+def contact(world, scope, q, known, held, buffers):  # type: ignore[no-untyped-def]
     """Return the first contact of a configuration.
 
     Args:
         world: Robot and obstacles.
         scope: What to look at.
         q: Configuration, shape (J,).
+        known: As of ``pose_world``.
         held: Ball of points that the hand carries: centre and radius in [m], (4,).
         buffers: Scratch from ``make_buffers``.
 
     Returns:
         ``FREE``, ``SELF`` with the pair, ``SCENE`` or ``HAND`` with the hull.
     """
-    rotations, positions, centers, axes, balls, _, _ = buffers
-    body_poses(world.tree, q, rotations, positions)
-    _place(world.hulls, rotations, positions, centers, axes)
-    _place_balls(world, rotations, positions, balls)
+    pose_world(world, q, known, buffers)
     pair = _first_pair(world, scope, buffers)
     if pair >= 0:
         return SELF, pair
@@ -358,21 +309,6 @@ def contact(world, scope, q, held, buffers):  # type: ignore[no-untyped-def]
     if g >= 0:
         return (HAND if scope.hand[g] else SCENE), scope.movers[g]
     return FREE, -1
-
-
-@njit(cache=True, error_model="numpy")
-def make_buffers(world, scope):  # type: ignore[no-untyped-def]
-    """Allocate scratch for ``contact``."""
-    joints, hulls = world.tree.parents.shape[0], world.hulls.bodies.shape[0]
-    return (
-        np.empty((joints + 1, 3, 3)),
-        np.empty((joints + 1, 3)),
-        np.empty((hulls, 3)),
-        np.empty((hulls, 3, 3)),
-        np.empty((joints + 1, 3)),
-        np.zeros((scope.pairs.shape[0], 3)),
-        np.empty((4, 3)),
-    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -388,13 +324,14 @@ def path_contacts(world, scope, starts, joints, paths, held, found):  # type: ig
         held: For each path the ball that the hand carries, shape (N, 4).
         found: Receives code and number of the contact, see ``contact``, shape (N, 2).
     """
-    buffers, q = make_buffers(world, scope), np.empty(starts.shape[1])
+    buffers, q = make_buffers(world, scope.pairs.shape[0]), np.empty(starts.shape[1])
+    known = np.full(starts.shape[1], np.nan)
     for i in range(paths.shape[0]):
         q[:] = starts[i]
         found[i, 0], found[i, 1] = FREE, -1
         for s in range(paths.shape[1]):
             for k in range(joints.shape[0]):
                 q[joints[k]] = paths[i, s, k]
-            found[i] = contact(world, scope, q, held[i], buffers)
+            found[i] = contact(world, scope, q, known, held[i], buffers)
             if found[i, 0] != FREE:
                 break

@@ -44,7 +44,7 @@ class ReachabilityConfig(Checked):
         0.12, "Scene around the TCP that travels with the hand in a lift [m]", 0.0, 0.5
     )
     retries: int = option(
-        1, "Other solutions tried when one fails in collision or on its path", 0, 16
+        4, "Other solutions tried when one fails in collision or on its path", 0, 16
     )
     travel_weight: float = option(
         0.03, "Manipulability given up to arrive a second earlier [1/s]", 0.0, 1.0

@@ -96,6 +96,31 @@ def test_a_grasp_goes_through_its_stages_and_the_object_into_the_box():
         executor.drop()
 
 
+class StuckOnce(Hardware):
+    def follow(self, group, motion):
+        first = motion == "drop" and "drop" not in self.done
+        super().follow(group, motion)
+        if first:
+            raise MotionError("a joint is 0.17 behind")
+
+
+def test_what_gets_stuck_on_the_way_to_the_box_is_tried_again_from_above():
+    hardware = StuckOnce()
+    executor, _, _ = run(hardware)
+    hardware.done.clear()
+    executor.drop()
+    assert hardware.done == ["drop", "shift", "drop", "jaws 0.085", "home"]
+    assert executor.held is None
+
+
+def test_what_stays_stuck_is_still_held():
+    hardware = Hardware(fail={"drop": MotionError("a joint is 0.17 behind")})
+    executor, _, _ = run(hardware)
+    with pytest.raises(MotionError, match="behind"):
+        executor.drop()
+    assert executor.held.arm == ARM
+
+
 def test_without_a_lift_it_ends_with_closed_jaws():
     hardware = Hardware()
     executor, outcome, _ = run(hardware, lift=False)

@@ -98,6 +98,12 @@ class SideChecker:
         )
         return Checked(reach, np.zeros(len(reached), dtype=bool))
 
+    def suggest_base(self, T_base_grippers, arms, start, points, boxes=()):
+        """Half a metre to the side of the arm that was asked for."""
+        T = np.eye(4)
+        T[1, 3] = -0.5 if "arm_left_torso" in arms else 0.5
+        return T
+
     def tcp_frame(self, arm):
         return f"gripper_{arm.split('_')[1]}_tcp"
 

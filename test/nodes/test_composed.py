@@ -308,6 +308,8 @@ def test_nothing_good_enough_and_nothing_reachable_say_so(bench):
     report = ask(bench, arms=["arm_left_torso"]).report
     assert report.code == DetectionReport.NONE_REACHABLE
     assert "no_ik" in report.message and report.after_quality > 0
+    assert report.suggested_base.header.frame_id == "base_footprint"
+    assert report.suggested_base.pose.position.y == -0.5
 
 
 def test_reachability_first_off_and_last(bench):

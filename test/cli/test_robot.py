@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+
+import pytest
+
+from neugrasp_ros.cli.main import main
+from neugrasp_ros.cli.robot import parse_share
+
+
+def test_a_share_is_counted_from_one():
+    assert parse_share("2/3") == (2, 3)
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/"])
+def test_a_share_that_cannot_be_ends_with_a_sentence(text, tmp_path, capsys):
+    assert main(["robot", "clear", "--share", text, "--keep", str(tmp_path)]) == 1
+    assert "--share must be K/N" in capsys.readouterr().err
+
+
+def test_rounds_that_are_kept_are_pooled_and_not_run_again(tmp_path, capsys):
+    round_ = {
+        "index": 0, "kind": "table:pile", "objects": ["a"], "cleared": ["a"],
+        "ended": "cleared", "attempts": [], "skips": [], "largest_contact": 1.5,
+        "contact_link": "x", "simulated": 1.0, "wall": 2.0,
+        "limits": {
+            "position": 0, "velocity": 0.5, "acceleration": 0, "jerk": 0, "samples": 1
+        },
+    }  # fmt: skip
+    (tmp_path / "round_000.json").write_text(json.dumps(round_))
+    path = tmp_path / "figures.json"
+    arguments = ["--rounds", "1", "--keep", str(tmp_path), "--json", str(path)]
+    assert main(["robot", "clear", *arguments]) == 0
+    figures = json.loads(path.read_text())
+    assert figures["cleared"] == 1 and figures["contact_newton"]["largest"] == 1.5
+    assert len(figures["weights_sha256"]) == 64 and figures["command"]
+    assert "cleared: 1" in capsys.readouterr().out
