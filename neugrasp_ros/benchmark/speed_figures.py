@@ -14,12 +14,13 @@ DPI = 120
 
 
 def profile_table(result: dict[str, Any]) -> str:
-    """Return the milliseconds of each stage, and the totals, one line each."""
-    lines = [f"{'stage':<16} {'median':>8} {'p90':>8}  [ms]"]
-    for name, value in result["stages_ms"].items():
-        lines.append(f"{name:<16} {value['median']:8.1f} {value['p90']:8.1f}")
-    total = result["total_ms_median"], result["total_ms_p90"]
-    lines.append(f"{'total':<16} {total[0]:8.1f} {total[1]:8.1f}")
+    """Return the milliseconds of each stage, if there are any, and all else."""
+    lines = []
+    if "stages_ms" in result:
+        lines = [f"{'stage':<16} {'median':>8} {'p90':>8}  [ms]"]
+        totals = {"total": {k: result[f"total_ms_{k}"] for k in ("median", "p90")}}
+        for name, value in (result["stages_ms"] | totals).items():
+            lines.append(f"{name:<16} {value['median']:8.1f} {value['p90']:8.1f}")
     rest = {
         name: value
         for name, value in result.items()

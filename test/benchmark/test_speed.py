@@ -33,3 +33,7 @@ def test_a_table_names_every_stage_and_a_picture_is_drawn(rows, tmp_path):
     assert all(name in text for name in (*STAGES, "total", "speedup_scoring"))
     draw_profile(found, tmp_path / "new" / "profile.png")
     assert (tmp_path / "new" / "profile.png").stat().st_size > 2000
+
+
+def test_a_run_of_other_parts_has_a_table_too():
+    assert profile_table({"scores_mean_gap": 0.01, "seed": 0}) == "scores_mean_gap 0.01"
