@@ -100,6 +100,16 @@ class NetworkConfig(Checked):
         False, "Learn also what the part at every surface point affords"
     )
 
+    def __post_init__(self) -> None:
+        """Check every field, and that a part head has classes.
+
+        Raises:
+            ConfigError: Naming the field, the value and what is allowed.
+        """
+        super().__post_init__()
+        if self.part_head and not self.affordances:
+            raise ConfigError("part_head needs affordances, got none")
+
 
 CPU_NETWORK = NetworkConfig()
 """The size that is trained and shipped."""

@@ -135,12 +135,13 @@ def _promises(rounds: Sequence[RoundRecord]) -> dict[str, float | None]:
     attempts = [a for r in rounds for a in r.attempts if np.isfinite(a.quality)]
     promised = np.array([a.quality for a in attempts])
     success = np.array([a.success for a in attempts], dtype=np.float64)
-    if not success.any():
-        return {"quality_ap": None, "quality_ece": None}
-    return {
-        "quality_ap": 100.0 * average_precision(promised, success),
-        "quality_ece": 100.0 * expected_calibration_error(promised, success),
-    }
+    figures: dict[str, float | None] = {"quality_ap": None, "quality_ece": None}
+    if success.any():
+        figures["quality_ap"] = 100.0 * average_precision(promised, success)
+    if len(attempts):
+        ece = expected_calibration_error(promised, success)
+        figures["quality_ece"] = 100.0 * ece
+    return figures
 
 
 def stage_times(rounds: Sequence[RoundRecord]) -> dict[str, dict[str, float]]:

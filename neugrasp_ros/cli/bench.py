@@ -25,12 +25,9 @@ def add_parser(
     add("--gripper", default="panda", metavar="NAME|FILE")
     add("--protocol", default="vgn", choices=("vgn", "strict"))
     add(
-        "--policy", default="neugrasp",
-        choices=(
-            "neugrasp", "random", "geometry",
-            "oracle_sampling", "oracle_local", "oracle_surface",
-        ),
-        help="random and geometry are floors; oracles are told the true surface",
+        "--policy", default="neugrasp", metavar="NAME",
+        help="neugrasp; the floors random and geometry; or oracle_sampling, "
+        "oracle_local, oracle_surface, which are told the true surface",
     )  # fmt: skip
     add("--rounds", type=int, default=100)
     add("--probes", type=int, help="scenes asked about each class; default --rounds")

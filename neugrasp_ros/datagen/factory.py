@@ -75,12 +75,14 @@ class Progress:
         left = self.n_scenes - self.n_done - len(self.skipped)
         eta = left * self.seconds / 60 / max(new, 1)
         labels = max(self.n_labels, 1)
-        return (
-            f"{self.n_done}/{self.n_scenes} scenes, {self.n_labels} labels "
-            f"({self.n_labels / hours:.0f}/h), {self.n_trials} trials "
-            f"({self.n_trials / hours:.0f}/h), "
+        trials = (
+            f"{self.n_trials} trials ({self.n_trials / hours:.0f}/h), "
             f"{100 * self.n_positive / max(self.n_trials, 1):.1f} % of trials and "
             f"{100 * self.n_positive / labels:.1f} % of labels positive, "
+        )
+        return (
+            f"{self.n_done}/{self.n_scenes} scenes, {self.n_labels} labels "
+            f"({self.n_labels / hours:.0f}/h), {trials if self.n_trials else ''}"
             f"{100 * self.n_side / labels:.1f} % side, "
             f"{len(self.skipped)} skipped, ETA {eta:.0f} min"
         )

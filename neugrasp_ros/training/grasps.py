@@ -263,13 +263,22 @@ def cache_grasps(
         How many entries were added.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    todo = [labels for labels in scenes if len(labels.grasps)]
+    todo = [
+        labels
+        for labels in scenes
+        if len(labels.grasps)
+        and not all(_view_path(folder, labels, n).exists() for n in range(n_views))
+    ]
     look = partial(_look_at, network=network, folder=folder, n_views=n_views, seed=seed)
     if workers <= 1:
         return sum(_reported(map(look, todo), len(todo)))
     with process_pool(workers) as pool:
         done = pool.map(partial(_alone, look), todo, chunksize=8)
         return sum(_reported(done, len(todo)))
+
+
+def _view_path(folder: Path, labels: SceneLabels, view: int) -> Path:
+    return folder / f"{labels.index:07d}_{view}.npz"
 
 
 def _alone(look: Callable[[SceneLabels], int], labels: SceneLabels) -> int:
@@ -289,7 +298,7 @@ def _look_at(
     """Keep the views of one scene that are missing; return how many were added."""
     added = 0
     for view in range(n_views):
-        path = folder / f"{labels.index:07d}_{view}.npz"
+        path = _view_path(folder, labels, view)
         if path.exists():
             continue
         rng = np.random.default_rng([seed, labels.index, view])

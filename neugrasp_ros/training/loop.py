@@ -24,6 +24,7 @@ from neugrasp_ros.training.curves import Curves
 from neugrasp_ros.training.device import device_of, mixed_precision
 from neugrasp_ros.training.distributed import (
     average_gradients,
+    first_on_machine,
     is_first_process,
     process_count,
     process_rank,
@@ -121,8 +122,9 @@ def optimise(
     )
     folder.mkdir(parents=True, exist_ok=True)
     progress = Progress(config.steps)
-    if keep is not None:
-        unpack_stage(keep, folder)
+    with first_on_machine() as mine:
+        if mine and keep is not None:
+            unpack_stage(keep, folder)
     start = _restore(folder / STATE_FILE, model, optimiser, config, progress)
     share_weights(model)
     curves = Curves(folder, start) if is_first_process() else None

@@ -2,9 +2,9 @@
 """A training run in files small enough to commit, for when the machine is replaced.
 
 In: the ``state.pt`` of each stage of a run. Out: per stage a JSON file and safetensors
-files of at most 40 MB: weights as they are, the optimiser's moments in half precision,
-and none of a stage that has ended. Rendered views are not among them: they are made
-again from the labels.
+files of at most 40 MB (unless one tensor alone is larger): weights as they are, the
+optimiser's moments in half precision, and none of a stage that has ended. Rendered
+views are not among them: they are made again from the labels.
 """
 
 import json
@@ -45,9 +45,10 @@ def pack_stage(folder: Path, out: Path, steps: int) -> list[Path]:
     if state["step"] < steps:
         tensors |= dict(_moments(state["optimiser"]["state"]))
     out.mkdir(parents=True, exist_ok=True)
-    drop_stage(out, folder.name)
+    before = set(_files(out, folder.name))
     parts = _parts(tensors)
-    files = [out / f"{folder.name}_{n:02d}.safetensors" for n in range(len(parts))]
+    name = f"{folder.name}_{state['step']:07d}"
+    files = [out / f"{name}_{n:02d}.safetensors" for n in range(len(parts))]
     for path, part in zip(files, parts, strict=True):
         save_file(part, path)
     record["files"] = [path.name for path in files]
@@ -55,6 +56,8 @@ def pack_stage(folder: Path, out: Path, steps: int) -> list[Path]:
     partial = about.with_suffix(".part")
     partial.write_text(json.dumps(record) + "\n")
     os.replace(partial, about)
+    for path in before - set(files):
+        path.unlink()
     return [about, *files]
 
 
@@ -72,7 +75,13 @@ def unpack_stage(out: Path, folder: Path) -> bool:
         CheckpointError: If a file is missing or damaged.
     """
     about = out / f"{folder.name}.json"
-    if not about.is_file() or (folder / STATE_FILE).exists():
+    if (folder / STATE_FILE).exists():
+        return False
+    if not about.is_file():
+        if _files(out, folder.name):
+            raise CheckpointError(
+                about, "is missing, but the stage's tensors are there"
+            )
         return False
     try:
         record = json.loads(about.read_text())
@@ -91,8 +100,13 @@ def unpack_stage(out: Path, folder: Path) -> bool:
 
 def drop_stage(out: Path, stage: str) -> None:
     """Remove the small files of a stage."""
-    for path in (out / f"{stage}.json", *out.glob(f"{stage}_[0-9][0-9].safetensors")):
-        path.unlink(missing_ok=True)
+    (out / f"{stage}.json").unlink(missing_ok=True)
+    for path in _files(out, stage):
+        path.unlink()
+
+
+def _files(out: Path, stage: str) -> list[Path]:
+    return sorted(out.glob(f"{stage}_*_[0-9][0-9].safetensors"))
 
 
 def _moments(states: dict[int, dict[str, Tensor]]) -> Iterator[tuple[str, Tensor]]:

@@ -136,7 +136,8 @@ def _finish(
         card["start"] = file_sha256(run.start)
     card |= calibrate(network, run.folder, tune)
     card["scenes"] = len(scenes)
-    card["labels"] = int(sum(len(s.grasps.labels) for s in scenes))
+    card["labels"] = int(sum(s.grasps.judged().sum() for s in scenes))
+    card["grasps"] = sum(len(s.grasps) for s in scenes)
     card["trials"] = int(sum(s.grasps.tried.sum() for s in scenes))
     save_network(network, run.weights, card)
     if run.keep is not None:

@@ -91,6 +91,7 @@ def test_reconstructions_are_averaged_and_promises_are_checked():
     assert figures["quality_ece"] == pytest.approx(15.0)  # promised 90, kept 75
     nothing = summarize([round_of(["empty"])], np.random.default_rng(0))
     assert nothing["iou"] is None and nothing["quality_ap"] is None
+    assert nothing["quality_ece"] == pytest.approx(90.0)
 
 
 def test_rounds_without_attempts_have_no_rate():

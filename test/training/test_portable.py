@@ -78,6 +78,12 @@ def test_what_the_folder_holds_already_is_newer(killed, tmp_path):
     assert not unpack_stage(tmp_path / "nothing", tmp_path / "other" / STAGE)
 
 
+def test_tensors_without_their_record_are_told(killed, tmp_path):
+    (killed / f"{STAGE}.json").unlink()
+    with pytest.raises(CheckpointError, match="is missing, but the stage's tensors"):
+        unpack_stage(killed, tmp_path / STAGE)
+
+
 def test_a_damaged_file_is_told(killed, tmp_path):
     path = next(killed.glob("*.safetensors"))
     path.write_bytes(path.read_bytes()[:100])
