@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from neugrasp_ros.benchmark.shots import Shot
+from neugrasp_ros.benchmark.shots import TABLE_TOP, Shot
 from neugrasp_ros.benchmark.speed import best_of, peak_memory_mb
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.pipeline import GraspPlanner
@@ -18,11 +18,9 @@ from neugrasp_ros.scene.network import SceneNetwork
 
 CANDIDATES = (16, 64, 128, 256, 512, 1024)
 RESOLUTIONS = (40, 64, 96, 128)
-UNET_LEVELS = 3
 NEAR = 0.5  # [truncation]; a voxel this near to a surface shows it
-BESIDE = (
-    0.06  # [m]; a candidate this near to an object's origin, seen from above, is its
-)
+# A candidate this near to an object's origin, seen from above, is its [m].
+BESIDE = 0.06
 LEAST_VOXELS = 12  # of an object that is in view
 ABOVE_TABLE = 0.01  # [m]
 
@@ -90,8 +88,7 @@ def objects_without(planner: GraspPlanner, shot: Shot) -> tuple[int, int]:
     grasps = planner.sample(planner.encode(volume, time.time_ns()))
     voxels = np.argwhere(np.abs(volume.distances) < NEAR) + 0.5
     surface = voxels * volume.voxel_size
-    table = float(np.min(shot.positions[:, 2])) if len(shot.positions) else 0.0
-    surface = surface[surface[:, 2] > table + ABOVE_TABLE]
+    surface = surface[surface[:, 2] > TABLE_TOP + ABOVE_TABLE]
     seen = bare = 0
     for position in shot.positions:
         beside = _beside(surface, position)
@@ -119,7 +116,7 @@ def by_resolution(shot: Shot, repeats: int = 3) -> dict[int, dict[str, float]]:
     """
     found = {}
     for count in RESOLUTIONS:
-        step = 2 ** (UNET_LEVELS - 1)
+        step = 2 ** (NetworkConfig().unet_depth - 1)
         cells = count // 2 // step * step
         config = NetworkConfig(resolution=count, plane_resolution=cells)
         network = SceneNetwork(config).eval()

@@ -14,6 +14,9 @@ ON_TABLE = (5, 8, 12, 18)  # objects
 CURVE_SCENES = 5
 PARTS = "timing", "speedup", "rays", "scores", "curves", "tables", "endurance"
 USUAL = ",".join(PARTS[:-1])
+COUNTS = (
+    "scenes", "reference", "rays", "scores", "grasps", "detections", "candidates",
+)  # fmt: skip
 
 
 def add_parser(
@@ -51,9 +54,7 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.pipeline import GraspPlanner, use_threads
 
-    wanted = args.only.split(",")
-    if args.scenes < 1 or not set(wanted) <= set(PARTS):
-        raise ConfigError(f"--scenes must be positive, --only among {PARTS}")
+    wanted = _wanted(args)
     use_threads(args.threads)
     config = PlannerConfig(
         weights=args.weights,
@@ -67,28 +68,49 @@ def run(args: argparse.Namespace) -> int:
     result: dict[str, Any] = {}
     if args.merge and args.json and args.json.exists():
         result = json.loads(args.json.read_text())
+        before = result.get("weights_sha256")
+        if before != planner.weights_sha256:
+            raise ConfigError(
+                f"--merge: {args.json} is of the weights {before}, "
+                f"these are {planner.weights_sha256}"
+            )
     result["matmul_512_ms"] = matmul_ms()
-    commands = dict(result.get("commands", {}))
-    for name in wanted:
-        result |= _part(name, args, planner, scenes, shots)()
-        commands[name] = {
-            "command": "neugrasp " + " ".join(sys.argv[1:]),
-            "commit": source_commit(),
-            "matmul_512_ms": result["matmul_512_ms"],
-        }
     result |= {
-        "seed": args.seed,
-        "threads": args.threads,
-        "commands": commands,
+        "commands": dict(result.get("commands", {})),
         "weights_sha256": planner.weights_sha256,
         "render": asdict(config.render),
     }
+    for name in wanted:
+        result |= _part(name, args, planner, scenes, shots)()
+        result["commands"][name] = {
+            "command": "neugrasp " + " ".join(sys.argv[1:]),
+            "commit": source_commit(),
+            "seed": args.seed,
+            "threads": args.threads,
+            "matmul_512_ms": result["matmul_512_ms"],
+        }
+        if args.json:
+            write_report(args.json, result)
     print(profile_table(result))
-    if args.json:
-        write_report(args.json, result)
-        if "stages_ms" in result:
-            draw_profile(result, args.json.with_suffix(".png"))
+    if args.json and "stages_ms" in result:
+        draw_profile(result, args.json.with_suffix(".png"))
     return 0
+
+
+def _wanted(args: argparse.Namespace) -> list[str]:
+    """Return the parts to measure; refuse numbers and words that cannot be meant."""
+    from neugrasp_ros.errors import ConfigError
+
+    wanted = [name.strip() for name in args.only.split(",")]
+    unknown = sorted(set(wanted) - set(PARTS))
+    if unknown:
+        raise ConfigError(f"--only: expected of {', '.join(PARTS)}, got {unknown}")
+    for name in COUNTS:
+        if getattr(args, name) < 1:
+            raise ConfigError(f"--{name} must be positive, got {getattr(args, name)}")
+    if args.merge and not args.json:
+        raise ConfigError("--merge needs --json, the figures to keep")
+    return wanted
 
 
 def _shots(args: argparse.Namespace, wanted: list[str]) -> tuple[Any, Any]:

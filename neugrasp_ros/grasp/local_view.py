@@ -172,15 +172,6 @@ def render_local_views(
     return LocalViews(points, normals, hits)
 
 
-@njit(cache=True, nogil=True)
-def _clip_all(origins, directions, low, high, spans):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Write where each ray enters and leaves a box."""
-    for r in range(len(origins)):
-        a, b, c = origins[r]
-        p, q, s = directions[r]
-        spans[r] = clip_to_box(a, b, c, p, q, s, low, high)
-
-
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
     values, gaps, inverse, reach, poses, origins, directions, spans, points, normals,

@@ -274,7 +274,7 @@ def _dense(
 ) -> tuple[ScalarGrid, int]:
     if len(planes) > 1:
         raise ConfigError(
-            f"renderer: reference takes one cube, the volume needs {len(planes)}"
+            f"the reference renderers take one cube, the volume needs {len(planes)}"
         )
     edge = len(free) * voxel
     occupancy = NetworkOccupancy(network, planes, edge, free, compiled)

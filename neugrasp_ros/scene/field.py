@@ -27,8 +27,6 @@ BoolArray = NDArray[np.bool_]
 FREE_LOGIT = -8.0  # what is not asked because it was seen to be free
 LOGIT_LIMIT = 8.0  # logits are clipped: beyond it interpolation would be lopsided
 MARGIN = 2.0  # [logit]; a coarse cell whose corners are all beyond it is not refined
-
-
 SURFACE_MARGIN = 0.1  # [logit]; the same for cells whose resolution is doubled again
 
 Ask = Callable[[IntArray], Float32Array]
@@ -91,7 +89,7 @@ def evaluate_samples(
     """
     size = free.shape[0]
     if free.shape != (size,) * 3 or size % 2:
-        raise ShapeError("distances", "(D, D, D) with even D", free.shape)
+        raise ShapeError("free", "(D, D, D) with even D", free.shape)
     if wanted is not None:
         free = free | ~wanted
     half = size // 2
