@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 
 from neugrasp_ros.errors import ConfigError, DepthImageError, EmptySceneError
-from neugrasp_ros.fusion.support_plane import find_workspace
 from neugrasp_ros.fusion.tsdf import TsdfVolume, empty_volume, integrate
 from neugrasp_ros.geometry.camera import Intrinsics
-from neugrasp_ros.geometry.transform import apply, invert, make_transform
+from neugrasp_ros.geometry.transform import invert, make_transform
 from neugrasp_ros.nodes.compat.images import read_depth, read_intrinsics
 from neugrasp_ros.nodes.compat.tf import TransformException
 from neugrasp_ros.nodes.conversions import from_stamp
+from neugrasp_ros.nodes.depth_views import clean, has_moved, workspace_around
 from neugrasp_ros.nodes.outcomes import Code, DetectionError
 from neugrasp_ros.nodes.params import LiveConfig
 from neugrasp_ros.nodes.scene_file import SavedScene
@@ -33,8 +33,6 @@ Lookup = Callable[[str, str, int], FloatArray]
 RATE_SLACK = 0.7  # an image this share of a period after the last is not too early
 JUMP_BACK = 10**9  # [ns]; stamps that fall by more belong to a new run
 COUNTS = ("received", "fused", "skipped", "no_tf", "refused")
-FIND_WIDTH = 320  # [pixel]; an image thinned to it is enough to find a table
-ABSURD_DEPTH = 50.0  # [m]; a median beyond this is millimetres in a float image
 
 
 def workspace_pose(workspace: WorkspaceConfig) -> FloatArray:
@@ -98,7 +96,7 @@ class DepthFusion:
     def _clear(self) -> None:
         self._volume = self._empty()
         self._workspace = self._wanted
-        self._camera_position: FloatArray | None = None  # of the last view fused
+        self._T_frame_camera: FloatArray | None = None  # of the last view fused
         self._loaded = False  # the volume came from a file and no image since
         self._stamp = 0  # of the newest image in the volume [ns]
         self._seconds = 0.0
@@ -136,7 +134,8 @@ class DepthFusion:
     def load(self, scene: SavedScene) -> None:
         """Show a scene of a file as if it had been seen now, until the next image.
 
-        It does not age: whoever loads it says that it is so.
+        Whoever loads it says that it is so: as long as no images are taken it does not
+        age, and its stamp is 0.
         """
         with self._changed:
             self.reset()
@@ -217,11 +216,8 @@ class DepthFusion:
     def _fuse(
         self, image: Image, T_frame_camera: FloatArray, camera: Intrinsics
     ) -> bool:
-        if self._is_too_near(T_frame_camera):
-            self.counts["skipped"] += 1
-            return False
         try:
-            depth = self._clean(read_depth(image))
+            depth = clean(read_depth(image), self._config.current)
         except DepthImageError as error:
             return self._refuse(DetectionError(Code.NO_DEPTH, f"depth/image: {error}"))
         size = (camera.height, camera.width)
@@ -233,6 +229,9 @@ class DepthFusion:
                     f"depth/camera_info says {size[1]}x{size[0]}",
                 )
             )
+        stamp = from_stamp(image.header.stamp)
+        if self._adds_nothing(T_frame_camera):
+            return self._skip(stamp)
         try:
             self._find(depth, camera, T_frame_camera)
         except EmptySceneError as error:
@@ -241,8 +240,8 @@ class DepthFusion:
         self._valid_share = float(np.isfinite(depth).mean())
         T_task_camera = invert(workspace_pose(self._wanted)) @ T_frame_camera
         shot = DepthView(depth, camera, T_task_camera)
-        changed = self._integrate(shot, from_stamp(image.header.stamp))
-        self._camera_position = T_frame_camera[:3, 3].copy()
+        changed = self._integrate(shot, stamp)
+        self._T_frame_camera = T_frame_camera.copy()
         return changed
 
     def _find(
@@ -253,44 +252,25 @@ class DepthFusion:
         configured = config.workspace
         if not configured.find or self._wanted is not configured:
             return
-        some = slice(None, None, max(1, depth.shape[1] // FIND_WIDTH))
-        points = (camera.ray_directions() * depth[..., None])[some, some]
-        found = find_workspace(apply(T_frame_camera, points.reshape(-1, 3)))
-        voxels = np.ceil(found.size / config.voxel_size - 1e-6)
-        x, y, z = (float(v) for v in found.origin)
-        a, b, c = (float(v) for v in voxels * config.voxel_size)
-        self._found = (
-            configured,
-            replace(configured, origin=(x, y, z), rpy=(0.0, 0.0, 0.0), size=(a, b, c)),
-        )
+        found = workspace_around(depth, camera, T_frame_camera, config)
+        self._found = (configured, found)
 
-    def _is_too_near(self, T_frame_camera: FloatArray) -> bool:
-        """Tell whether the camera has hardly moved since the last view fused."""
-        config, last = self._config.current, self._camera_position
-        if last is None or self._wanted != self._workspace:
+    def _adds_nothing(self, T_frame_camera: FloatArray) -> bool:
+        """Tell whether views are fused and this one is from the last one's place."""
+        config, last = self._config.current, self._T_frame_camera
+        if config.view_mode != "fuse" or not config.min_motion or last is None:
             return False
-        moved = np.linalg.norm(T_frame_camera[:3, 3] - last)
-        return bool(moved < config.min_motion)
+        if self._wanted != self._workspace:
+            return False
+        return not has_moved(last, T_frame_camera, config)
 
-    def _clean(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the image with NaN wherever it is not to be used."""
-        config = self._config.current
-        finite = depth[np.isfinite(depth) & (depth > 0)]
-        if len(finite) and np.median(finite) > ABSURD_DEPTH:
-            raise DepthImageError(
-                f"the median depth is {np.median(finite):.0f} m; are these "
-                "millimetres? 32FC1 holds metres, 16UC1 millimetres"
-            )
-        within = (depth >= config.min_depth) & (depth <= config.max_depth)
-        clean = np.where(within, depth, np.float32(np.nan))
-        if config.carve_infinite:
-            clean[np.isposinf(depth)] = config.max_depth
-        if border := config.invalid_border:
-            inner = np.full(depth.shape, np.nan, dtype=np.float32)
-            inside = slice(border, -border)
-            inner[inside, inside] = clean[inside, inside]
-            clean = inner
-        return clean
+    def _skip(self, stamp: int) -> bool:
+        """Take the scene for what is seen now, without fusing."""
+        self.counts["skipped"] += 1
+        self._problem = None
+        self._stamp = max(self._stamp, stamp)
+        self._changed.notify_all()
+        return False
 
     def _integrate(self, shot: DepthView, stamp: int) -> bool:
         config, start = self._config.current, time.perf_counter()
@@ -339,10 +319,15 @@ class DepthFusion:
                 volume=self._volume,
                 T_frame_task=workspace_pose(self._workspace),
                 frame_id=self._workspace.frame,
-                stamp=self._stamp,
+                stamp=0 if self._shows_file else self._stamp,
                 revision=self._revision,
                 seconds=self._seconds,
             )
+
+    @property
+    def _shows_file(self) -> bool:
+        """Whether a loaded scene stands for what is seen: no images are taken."""
+        return self._loaded and not self._config.current.integrating
 
     def _require_fresh(self) -> None:
         config = self._config.current
@@ -355,12 +340,11 @@ class DepthFusion:
             raise self._problem
         if not self.counts["received"]:
             raise DetectionError(Code.NO_DEPTH, "no depth/image since the node started")
+        why = "" if config.integrating else "; integrating is off"
         if not self._stamp:
             raise DetectionError(
-                Code.NO_DEPTH, "no depth/image since the scene was cleared"
+                Code.NO_DEPTH, "no depth/image since the scene was cleared" + why
             )
-        least = config.min_motion
-        why = f"; views closer than min_motion, {least} m, are skipped" if least else ""
         raise DetectionError(
             Code.STALE_DEPTH,
             f"the newest depth image is {age:.2f} s old, max_depth_age is {limit} s"

@@ -73,7 +73,9 @@ class LocalStages(Stages):
         if wanted.scene == SCENES["reset"]:
             loaded(self.fusion).reset()
         view = loaded(self.fusion).wait(
-            lambda v: v.stamp > newer_than and v.volume.view_count >= wanted.min_views,
+            lambda v: (
+                v.is_newer(newer_than) and v.volume.view_count >= wanted.min_views
+            ),
             deadline if newer_than or wanted.min_views > 1 else time.monotonic(),
         )
         require(view, wanted, newer_than)
@@ -118,7 +120,7 @@ def require(view: SceneView, wanted: Wanted, newer_than: int) -> None:
     Raises:
         DetectionError: TIMEOUT, with the numbers.
     """
-    if view.stamp <= newer_than:
+    if not view.is_newer(newer_than):
         raise DetectionError(
             Code.TIMEOUT,
             f"no depth image newer than the request within {wanted.timeout} s",

@@ -114,7 +114,7 @@ class RemoteStages(Stages):
                 view = from_tsdf(response.volume)
                 view = replace(view, seconds=time.perf_counter() - start)
                 enough = view.volume.view_count >= wanted.min_views
-                if last or (view.stamp > newer_than and enough):
+                if last or (view.is_newer(newer_than) and enough):
                     require(view, wanted, newer_than)
                     return view
             else:

@@ -17,7 +17,8 @@ class SceneView:
         volume: The fused volume, in its task frame.
         T_frame_task: Pose of the task frame in ``frame_id``, shape (4, 4).
         frame_id: TF frame.
-        stamp: Time of the newest depth image in it, in [ns].
+        stamp: Time of the newest depth image in it, in [ns]; 0 = it was loaded from
+            a file and is shown as if seen now, in the newest transforms.
         revision: Grows with every change of the volume.
         seconds: Time that the newest image took to fuse, in [s].
     """
@@ -28,3 +29,7 @@ class SceneView:
     stamp: int
     revision: int
     seconds: float = 0.0
+
+    def is_newer(self, than: int) -> bool:
+        """Tell whether it is newer than a time in [ns]; a loaded scene always is."""
+        return not self.stamp or self.stamp > than

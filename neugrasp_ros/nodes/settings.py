@@ -86,9 +86,13 @@ class FusionConfig(Checked):
     )
     min_motion: float = option(
         0.0,
-        "Views whose camera moved less since the last one are skipped [m]; 0 = none",
+        "Where views are fused, those whose camera hardly moved since the last one add "
+        "nothing, not even what changed: least way [m]; 0 = all are fused",
         0.0, 1.0,
     )  # fmt: skip
+    min_turn_deg: float = option(
+        5.0, "A camera that turned so far has moved, too [deg]", 0.1, 180.0
+    )
     integrating: bool = option(True, "Take new images")
     scene_path: str = fixed(
         option("", "File of ~/save and ~/load, ending in .npz; empty = refused")

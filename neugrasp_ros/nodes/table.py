@@ -35,7 +35,7 @@ PROCESSING = (
     NodeSpec("scene_renderer", "neugrasp_ros.nodes.scene_renderer"),
     NodeSpec("grasp_evaluator", "neugrasp_ros.nodes.grasp_evaluator"),
     NodeSpec("reachability_filter", "neugrasp_ros.nodes.reachability_filter"),
-    NodeSpec("grasp_server", "neugrasp_ros.nodes.grasp_server", True),
+    NodeSpec("grasp_server", "neugrasp_ros.nodes.grasp_server", True, True),
 )
 COMPOSED = NodeSpec("neugrasp", "neugrasp_ros.nodes.composed", reads_depth=True)
 SIMULATOR = NodeSpec("sim_bridge", "sim_bridge.bridge_node")

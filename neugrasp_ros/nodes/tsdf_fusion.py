@@ -204,8 +204,8 @@ class TsdfFusionNode(Node):
             self.fusion.load(scene)
             self.publish(self.fusion.view())
             response.message = (
-                f"{path} is the scene now; integrating is off, ~/set_integrating turns "
-                "it on"
+                f"{path} is the scene now and counts as fresh; integrating is off, "
+                "~/set_integrating turns it on"
             )
 
         return answer(self, response, work)

@@ -7,69 +7,30 @@ import pytest
 
 pytest.importorskip("neugrasp_msgs")
 
+from nodes.fusion_rig import (  # noqa: E402
+    SECOND,
+    WORKSPACE,
+    Rig,
+    box_points,
+    calibrated_rig,
+)
 from nodes.synthetic import (  # noqa: E402
     CAMERA,
     CAMERA_FRAME,
-    Scene,
     camera_info,
     depth_image,
 )
 from rclpy.time import Time  # noqa: E402
 
-from neugrasp_ros.fusion.tsdf import seen_surface  # noqa: E402
 from neugrasp_ros.nodes.compat.tf import Buffer, from_transform  # noqa: E402
-from neugrasp_ros.nodes.compat.tf_buffer import (  # noqa: E402
-    LookupException,
-    to_transform,
-)
+from neugrasp_ros.nodes.compat.tf_buffer import to_transform  # noqa: E402
 from neugrasp_ros.nodes.depth_fusion import DepthFusion  # noqa: E402
 from neugrasp_ros.nodes.outcomes import Code, DetectionError  # noqa: E402
-from neugrasp_ros.nodes.params import LiveConfig  # noqa: E402
-from neugrasp_ros.nodes.settings import FusionConfig, WorkspaceConfig  # noqa: E402
-
-WORKSPACE = WorkspaceConfig(frame="base", origin=(0.5, -0.15, 0.7))
-SECOND = 10**9
-
-
-class Rig:
-    """A camera over a table, a clock in our hands."""
-
-    def __init__(self, workspace=WORKSPACE, **options) -> None:
-        self.scene = Scene(WORKSPACE)
-        self.config = LiveConfig(FusionConfig(workspace=workspace, **options))
-        self.time = 5 * SECOND
-        self.has_tf = True
-        self.fusion = DepthFusion(self.config, self.lookup, lambda: self.time)
-
-    def lookup(self, target, source, stamp):
-        if not self.has_tf:
-            raise LookupException(f"frame {source!r} does not exist")
-        return self.scene.T_base_camera
-
-    def shoot(self, form="32FC1", **changes):
-        self.time += SECOND // 10
-        image = depth_image(self.scene.depth(), self.time, form)
-        for name, value in changes.items():
-            setattr(image, name, value)
-        return self.fusion.on_depth(image)
-
-    def reason(self) -> DetectionError:
-        with pytest.raises(DetectionError) as caught:
-            self.fusion.view()
-        return caught.value
 
 
 @pytest.fixture
 def rig() -> Rig:
-    rig = Rig()
-    rig.fusion.on_camera_info(camera_info())
-    return rig
-
-
-def box_points(rig: Rig, center) -> np.ndarray:
-    """Return seen surface points within 3 cm of a place in the task frame."""
-    points, _ = seen_surface(rig.fusion.view().volume)
-    return points[np.linalg.norm(points - center, axis=1) < 0.03]
+    return calibrated_rig()
 
 
 def test_a_box_is_seen_where_it_stands(rig):
@@ -95,8 +56,7 @@ def test_an_unchanged_scene_keeps_its_revision_and_renews_its_stamp(rig):
 
 @pytest.mark.parametrize("mode", ["latest", "fuse"])
 def test_a_removed_box_leaves_no_ghost_and_a_new_one_appears(mode):
-    rig = Rig(view_mode=mode, max_weight=4)
-    rig.fusion.on_camera_info(camera_info())
+    rig = calibrated_rig(view_mode=mode, max_weight=4)
     rig.scene.add_box((0.10, 0.15, 0.07))
     for _ in range(6):
         rig.shoot()
@@ -272,8 +232,7 @@ def test_reset_clears_and_the_revision_goes_on(rig):
 
 
 def test_too_many_images_are_thinned_out():
-    rig = Rig(max_rate=2.0)
-    rig.fusion.on_camera_info(camera_info())
+    rig = calibrated_rig(max_rate=2.0)
     for _ in range(10):
         rig.shoot()
     counts = {"received": 10, "fused": 3, "skipped": 0, "no_tf": 0, "refused": 0}
@@ -320,104 +279,3 @@ def test_waiting_ends_with_what_is_wanted_or_at_the_deadline(rig):
     rig.fusion.reset()
     with pytest.raises(DetectionError, match="cleared"):
         rig.fusion.wait(lambda v: True, time.monotonic() + 0.05)
-
-
-@pytest.mark.parametrize("mode", ["latest", "fuse"])
-def test_a_view_from_nearly_the_same_place_is_skipped(mode):
-    rig = Rig(view_mode=mode, min_motion=0.05)
-    rig.fusion.on_camera_info(camera_info())
-    rig.shoot()
-    first = rig.fusion.view()
-    rig.scene.add_box((0.15, 0.15, 0.07))
-    rig.scene.T_base_camera[2, 3] += 0.04
-    assert not rig.shoot()
-    assert rig.fusion.view().stamp == first.stamp
-    rig.scene.T_base_camera[2, 3] += 0.02
-    assert rig.shoot()
-    assert rig.fusion.counts["skipped"] == 1 and rig.fusion.counts["fused"] == 2
-    rig.fusion.reset()
-    assert rig.shoot()  # the first of a new scene is always taken
-    rig.time += 3 * SECOND
-    assert "views closer than min_motion, 0.05 m, are skipped" in rig.reason().sentence
-
-
-def test_nothing_fused_cannot_be_saved(rig):
-    with pytest.raises(DetectionError, match="nothing to save") as caught:
-        rig.fusion.saved()
-    assert caught.value.code is Code.NO_DEPTH
-
-
-def test_a_loaded_scene_stays_until_the_next_image(rig):
-    rig.scene.add_box((0.15, 0.15, 0.07))
-    rig.shoot()
-    saved = rig.fusion.saved()
-    rig.scene.clear()
-    rig.shoot()
-    before = rig.fusion.view()
-    rig.fusion.load(saved)
-    rig.time += 60 * SECOND
-    view = rig.fusion.view()
-    assert view.revision > before.revision and view.stamp == rig.time - 60 * SECOND
-    assert len(box_points(rig, [0.15, 0.15, 0.09]))
-    rig.shoot()
-    assert not len(box_points(rig, [0.15, 0.15, 0.09]))
-    assert rig.fusion.view().stamp == rig.time
-    rig.time += 3 * SECOND
-    assert rig.reason().code is Code.STALE_DEPTH
-
-
-def test_a_scene_of_another_workspace_keeps_its_place_and_is_not_fused_into():
-    rig = Rig(view_mode="fuse")
-    rig.fusion.on_camera_info(camera_info())
-    rig.shoot()
-    elsewhere = WorkspaceConfig(frame="map", origin=(1.0, 2.0, 3.0))
-    rig.fusion.load(rig.fusion.saved()._replace(workspace=elsewhere))
-    view = rig.fusion.view()
-    assert view.frame_id == "map"
-    np.testing.assert_allclose(view.T_frame_task[:3, 3], [1.0, 2.0, 3.0])
-    rig.shoot()
-    assert rig.fusion.view().frame_id == "base"
-    assert rig.fusion.view().volume.view_count == 1
-
-
-def test_a_workspace_is_found_around_what_stands_on_the_table():
-    rig = Rig(
-        workspace=WorkspaceConfig(frame="base", origin=(9.0, 9.0, 9.0), find=True)
-    )
-    rig.fusion.on_camera_info(camera_info())
-    rig.scene.add_box((0.15, 0.15, 0.07))
-    assert rig.shoot()
-    view = rig.fusion.view()
-    T_task_found = np.linalg.inv(rig.scene.T_base_task) @ view.T_frame_task
-    assert T_task_found[2, 3] == pytest.approx(0.0, abs=0.01)  # 5 cm below the table
-    middle = T_task_found[:2, 3] + view.volume.size[:2] / 2
-    np.testing.assert_allclose(middle, 0.15, atol=0.02)
-    np.testing.assert_allclose(view.volume.size, 0.3, atol=0.005)
-    assert len(box_points(rig, np.array([0.15, 0.15, 0.07]) - T_task_found[:3, 3])) > 20
-
-
-def test_a_found_workspace_stays_until_the_scene_is_reset():
-    rig = Rig(workspace=WorkspaceConfig(frame="base", find=True))
-    rig.fusion.on_camera_info(camera_info())
-    rig.scene.add_box((0.15, 0.15, 0.07))
-    assert rig.shoot()
-    before = rig.fusion.view().T_frame_task
-    rig.scene.clear()
-    rig.scene.add_box((0.35, 0.15, 0.07))
-    rig.shoot()
-    np.testing.assert_array_equal(rig.fusion.view().T_frame_task, before)
-    rig.fusion.reset()
-    rig.shoot()
-    moved = rig.fusion.view().T_frame_task[0, 3] - before[0, 3]
-    assert moved > 0.1
-
-
-def test_without_a_level_plane_no_workspace_is_found():
-    rig = Rig(workspace=WorkspaceConfig(frame="base", find=True))
-    rig.fusion.on_camera_info(camera_info())
-    blank = np.full(rig.scene.depth().shape, np.nan, dtype=np.float32)
-    rig.time += SECOND
-    assert not rig.fusion.on_depth(depth_image(blank, rig.time))
-    reason = rig.reason()
-    assert reason.code == Code.EMPTY_WORKSPACE
-    assert "no level plane" in reason.sentence

@@ -8,6 +8,7 @@ import yaml
 import neugrasp_ros
 from neugrasp_ros.nodes.table import (
     COMPOSED,
+    DEPTH_TOPICS,
     PARAMETERS,
     PROCESSING,
     SIMULATOR,
@@ -48,6 +49,16 @@ def test_depth_comes_from_the_robots_camera_and_tf_follows_the_namespace():
     assert "__ns:=/tiago_1" in line
     first = [word for word in line if word.startswith("depth/image:=")][0]
     assert first == "depth/image:=/other"  # rcl takes the first rule that matches
+
+
+def test_whoever_listens_to_the_camera_gets_its_topics():
+    for spec in PROCESSING:
+        source = Path(importlib.util.find_spec(spec.module).origin).read_text()
+        words = ros_arguments(spec)
+        for topic, robots in DEPTH_TOPICS.items():
+            if f'"{topic}"' in source:
+                assert f"{topic}:={robots}" in words, spec.name
+        assert spec.reads_depth == ('"depth/' in source), spec.name
 
 
 def test_the_shipped_parameters_name_nodes_and_parameters_that_exist():
