@@ -38,7 +38,7 @@ from neugrasp_ros.nodes.compat.tf import (
 )
 from neugrasp_ros.nodes.conversions import from_grasp_array, to_stamp
 from neugrasp_ros.nodes.depth_fusion import workspace_pose
-from neugrasp_ros.nodes.diagnostics import OK, WARN, Diagnostics, Status
+from neugrasp_ros.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Status
 from neugrasp_ros.nodes.markers import LabelledBox, box_markers
 from neugrasp_ros.nodes.params import declare_config, fixed
 from neugrasp_ros.nodes.qos import latched, newest, overrides, sensor_output
@@ -308,12 +308,14 @@ class SimBridgeNode(Node):
             self.world.measured_factor,
             self._config.current.realtime_factor,
         )
-        slow = wanted > 0 and factor < SLOW * wanted
         values = {
             "real_time_factor": f"{factor:.3f}",
             "simulated_seconds": f"{self.world.snapshot.time / 1e9:.3f}",
             "objects": len(self.world.snapshot.names),
         }
+        if ended := self.world.ended:
+            return Status(ERROR, ended, values)
+        slow = wanted > 0 and factor < SLOW * wanted
         return Status(WARN if slow else OK, "slow" if slow else "in time", values)
 
     def _camera_status(self) -> Status:

@@ -4,6 +4,7 @@
 Only that thread touches the engine. Others hand it jobs and read snapshots.
 """
 
+import logging
 import threading
 import time
 from collections import deque
@@ -28,6 +29,8 @@ from sim_bridge.vgn_trial import VgnRules
 from sim_bridge.world import TIME_STEP, World
 
 FloatArray = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
 
 PACE_STEPS = 4  # physics steps between two looks at the wall clock
 STEP_NS = round(TIME_STEP * 1e9)
@@ -122,7 +125,7 @@ class BridgeWorld:
         self._jobs: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
         self._wake = threading.Condition()
         self._closed = False
-        self._ended = ""  # why no job is done any more
+        self._ended = ""
         self._live = False
         self._time = 0
         self._due = time.monotonic()
@@ -165,6 +168,11 @@ class BridgeWorld:
             self.snapshot = self._look()
 
         self.do(work).result()
+
+    @property
+    def ended(self) -> str:
+        """Why time stands still and no job is done any more; empty while it lives."""
+        return self._ended
 
     def close(self) -> None:
         """End the thread and the engine."""
@@ -220,6 +228,10 @@ class BridgeWorld:
             self._live_on()
         except SimulationError as error:
             ended = f"the simulated world has ended: {error}"
+            _log.error("%s", ended)
+        except Exception as error:  # noqa: BLE001 (whoever waits must hear of a bug)
+            ended = f"the simulated world has ended: {error!r}"
+            _log.exception("%s", ended)
         finally:
             with self._wake:
                 self._ended = ended

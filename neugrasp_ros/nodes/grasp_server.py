@@ -15,7 +15,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
-from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.errors import ConfigError, NeuGraspError
 from neugrasp_ros.nodes.compat.images import read_intrinsics
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener
 from neugrasp_ros.nodes.conversions import to_grasp_array
@@ -52,6 +52,7 @@ class GraspServerNode(Node):
         self._turn = threading.Lock()  # held by the one request that runs
         self._preempted = threading.Event()
         self._camera: Camera | None = None  # that the masks of requests belong to
+        self._no_camera = ""  # why the camera info that came is of no use
         self._executed = 0  # when a grasp was last executed [ns]
         self._answered = self.create_publisher(GraspArray, "grasps/answered", newest())
         group = ReentrantCallbackGroup()
@@ -90,7 +91,12 @@ class GraspServerNode(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _on_camera_info(self, info: CameraInfo) -> None:
-        self._camera = Camera(read_intrinsics(info), info.header.frame_id)
+        try:
+            intrinsics = read_intrinsics(info)
+        except ConfigError as error:
+            self._camera, self._no_camera = None, str(error)
+            raise
+        self._camera = Camera(intrinsics, info.header.frame_id)
 
     def _on_executed(self, _: GraspArray) -> None:
         self._executed = self._now()
@@ -141,7 +147,7 @@ class GraspServerNode(Node):
         outcome = Outcome()
         try:
             config = self._config.current
-            wanted = read_request(request, config, self._camera)
+            wanted = read_request(request, config, self._camera, self._no_camera)
             if not self._turn.acquire(timeout=wanted.timeout):
                 raise DetectionError(
                     Code.TIMEOUT, f"another request ran for {wanted.timeout} s"

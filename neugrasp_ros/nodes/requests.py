@@ -71,7 +71,10 @@ class Wanted:
 
 
 def read_request(
-    request: Any, config: ServerConfig, camera: Camera | None = None
+    request: Any,
+    config: ServerConfig,
+    camera: Camera | None = None,
+    no_camera: str = "",
 ) -> Wanted:
     """Check a request of the service or the action.
 
@@ -79,17 +82,18 @@ def read_request(
         request: The request.
         config: What stands for fields left open.
         camera: The depth camera that a mask belongs to, as far as it is known.
+        no_camera: Why it is not known; empty = nothing has come yet.
 
     Raises:
         DetectionError: INVALID_REQUEST, naming the field; or NO_CAMERA_INFO.
     """
     try:
-        return _read(request, config, camera)
+        return _read(request, config, read_target(request.mask, camera, no_camera))
     except (ConfigError, DepthImageError) as error:
         raise DetectionError(Code.INVALID_REQUEST, str(error)) from error
 
 
-def _read(request: Any, config: ServerConfig, camera: Camera | None) -> Wanted:
+def _read(request: Any, config: ServerConfig, target: Target | None) -> Wanted:
     if request.reachability not in (REACH_OFF, REACH_LAST, REACH_FIRST):
         raise ConfigError(f"reachability must be 0, 1 or 2, got {request.reachability}")
     if request.scene not in SCENES.values():
@@ -104,7 +108,7 @@ def _read(request: Any, config: ServerConfig, camera: Camera | None) -> Wanted:
         frame_id=request.frame_id or config.target_frame,
         roi=roi,
         roi_frame=request.roi_pose.header.frame_id or config.target_frame,
-        target=read_target(request.mask, camera),
+        target=target,
         arms=tuple(request.arms),
         reachability=request.reachability,
         scene=request.scene or SCENES[config.scene],

@@ -40,7 +40,8 @@ class Target:
     Attributes:
         pixels: True where the target is, shape (H, W).
         camera: The camera.
-        stamp: Of the image in [ns]; 0 = that of the scene.
+        stamp: Of the image in [ns]; 0 = that of the scene, which is the newest
+            transform for a loaded scene.
     """
 
     pixels: BoolArray
@@ -108,8 +109,15 @@ class Target:
         return self.covers(middle, T_frame_camera)
 
 
-def read_target(mask: Image, camera: Camera | None) -> Target | None:
+def read_target(
+    mask: Image, camera: Camera | None, no_camera: str = ""
+) -> Target | None:
     """Return the target of a request's mask; None where the mask is left empty.
+
+    Args:
+        mask: The mask.
+        camera: The depth camera, as far as it is known.
+        no_camera: Why it is not known; empty = nothing has come yet.
 
     Raises:
         ConfigError: If the mask has another size or frame than the depth camera's
@@ -122,7 +130,8 @@ def read_target(mask: Image, camera: Camera | None) -> Target | None:
     pixels = read_mask(mask)
     if camera is None:
         raise DetectionError(
-            Code.NO_CAMERA_INFO, "a mask needs depth/camera_info; none has come yet"
+            Code.NO_CAMERA_INFO,
+            f"a mask needs depth/camera_info; {no_camera or 'none has come yet'}",
         )
     size = (camera.intrinsics.height, camera.intrinsics.width)
     if pixels.shape != size:

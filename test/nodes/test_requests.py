@@ -81,6 +81,14 @@ def test_a_mask_without_a_camera_says_what_is_missing():
     with pytest.raises(DetectionError, match="a mask needs depth/camera_info") as error:
         read_request(DetectGrasps.Request(mask=mask()), ServerConfig())
     assert error.value.code is Code.NO_CAMERA_INFO
+    assert error.value.sentence.endswith("none has come yet")
+    with pytest.raises(DetectionError, match="camera_info; its lens is broken$"):
+        read_request(
+            DetectGrasps.Request(mask=mask()),
+            ServerConfig(),
+            None,
+            "its lens is broken",
+        )
 
 
 @pytest.mark.parametrize(

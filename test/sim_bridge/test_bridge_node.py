@@ -3,6 +3,7 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from neugrasp_ros.geometry.transform import apply, invert  # noqa: E402
 from neugrasp_ros.nodes.compat.images import read_depth, read_intrinsics  # noqa: E402
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener  # noqa: E402
 from neugrasp_ros.nodes.conversions import from_pose, from_stamp  # noqa: E402
+from neugrasp_ros.nodes.diagnostics import ERROR, OK, WARN  # noqa: E402
 from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
 from neugrasp_ros.nodes.qos import latched  # noqa: E402
 from neugrasp_ros.nodes.runtime import SpinThread, prepare  # noqa: E402
@@ -249,3 +251,20 @@ def test_a_grasp_of_air_and_an_empty_one_fail_with_their_reason(cell):
     lost.header.frame_id = "mars"
     there = cell.call(TryGrasp, "sim_bridge/try_grasp", grasp=lost)
     assert not there.success and "TF_ERROR: base_footprint <- mars" in there.message
+
+
+@pytest.mark.parametrize(
+    ("factor", "ended", "level", "message"),
+    [
+        (1.0, "", OK, "in time"),
+        (0.5, "", WARN, "slow"),
+        (1.0, "the simulated world has ended: x", ERROR, "world has ended: x"),
+    ],
+)
+def test_the_physics_say_whether_they_live(factor, ended, level, message):
+    snapshot = SimpleNamespace(time=0, names=())
+    world = SimpleNamespace(measured_factor=factor, ended=ended, snapshot=snapshot)
+    config = SimpleNamespace(current=SimpleNamespace(realtime_factor=1.0))
+    node = SimpleNamespace(world=world, _config=config)
+    status = SimBridgeNode._physics_status(node)
+    assert status.level == level and message in status.message

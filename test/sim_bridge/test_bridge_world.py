@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import re
 import threading
 import time
 
@@ -8,6 +9,7 @@ import pytest
 from neugrasp_ros.errors import SimulationError, UnknownNameError
 from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.geometry.transform import make_transform
+from sim_bridge import bridge_world
 from sim_bridge.bridge_world import BridgeScenes, BridgeWorld
 
 pytestmark = pytest.mark.filterwarnings("ignore:Gimbal lock")
@@ -117,6 +119,33 @@ def test_a_world_that_is_closed_refuses_jobs_and_leaves_nobody_waiting():
         waiting.result(10.0)
     closing.join()
     with pytest.raises(SimulationError, match="world was closed"):
+        world.spawn("empty", 0, 0)
+
+
+class Dying(BridgeWorld):
+    breaks: Exception | None = None
+
+    def _on_steps(self, steps):
+        super()._on_steps(steps)
+        if self.breaks:
+            raise self.breaks
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (SimulationError("engine lost"), "has ended: engine lost"),
+        (ValueError("a bug"), r"has ended: ValueError\('a bug'\)"),
+    ],
+)
+def test_a_world_that_dies_while_it_runs_says_why(error, reason, caplog, monkeypatch):
+    monkeypatch.setattr(bridge_world._log, "handlers", [caplog.handler])
+    world = Dying(load_gripper("panda"), BridgeScenes(), 0.0)
+    assert not world.ended
+    world.breaks = error
+    world._thread.join(60.0)
+    assert re.search(reason, world.ended) and world.ended in caplog.text
+    with pytest.raises(SimulationError, match=reason):
         world.spawn("empty", 0, 0)
 
 

@@ -130,6 +130,14 @@ def test_nonsense_is_refused():
         buffer.set_transform(bad, "")
 
 
+def test_frames_whose_names_look_like_something_else_are_names():
+    class Tf2:
+        def all_frames_as_yaml(self):
+            return "1:\n  parent: 'base'\ncamera:\n  parent: 1\nyes:\n  parent: null\n"
+
+    assert frame_names(Tf2()) == ("1", "base", "camera", "null", "yes")
+
+
 def test_a_loop_is_found_out():
     buffer = Buffer()
     buffer.set_transform_static(to_transform(np.eye(4), "a", "b", 0), "")
