@@ -37,7 +37,7 @@ def expected_contacts(
 
     Returns:
         Contact of the +y and of the -y pad in the task frame in [m], shape (G, 2, 3);
-        both NaN where a pad meets nothing, or starts inside of something.
+        both NaN where a pad meets nothing, or starts wholly inside of something.
     """
     poses = np.asarray(T_task_grippers, dtype=np.float64)
     contacts = np.full((len(poses), 2, 3), np.nan)

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fused scene on disk: one ``.npz`` of plain arrays, never a pickle."""
 
-import os
-import tempfile
 import zipfile
 import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 import numpy as np
 
@@ -50,6 +49,8 @@ def write_scene(path: Path, scene: SavedScene) -> None:
         SceneFileError: If the path is none for a scene, or cannot be written.
     """
     path = _checked(path)
+    if not path.parent.is_dir():
+        raise SceneFileError(path, f"there is no folder {path.parent}")
     volume, workspace = scene.volume, scene.workspace
     arrays: dict[str, Any] = {
         "format": FORMAT,
@@ -71,13 +72,13 @@ def write_scene(path: Path, scene: SavedScene) -> None:
 
 
 def _replace(path: Path, arrays: dict[str, Any]) -> None:
-    handle, name = tempfile.mkstemp(suffix=SUFFIX, prefix=".", dir=path.parent)
+    draft = path.with_name(f".{uuid4().hex}{SUFFIX}")  # with the mode that others get
     try:
-        with os.fdopen(handle, "wb") as file:
+        with draft.open("xb") as file:
             np.savez_compressed(file, **arrays)
-        os.replace(name, path)
+        draft.replace(path)
     except BaseException:
-        os.unlink(name)
+        draft.unlink(missing_ok=True)
         raise
 
 

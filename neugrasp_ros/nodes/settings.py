@@ -123,7 +123,10 @@ class StreamConfig(Checked):
         0.5, "Least time from one reaction to the next [s]", 0.0, 60.0
     )
     seed: int = option(
-        1, "Seed of the candidates; 0 = a new one each time", 0, 2**31 - 1
+        1,
+        "Seed of the candidates; 0 = one for each revision of the scene",
+        0,
+        2**31 - 1,
     )
 
 

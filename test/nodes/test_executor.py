@@ -52,12 +52,12 @@ def test_callbacks_that_run_end_before_the_executor_does(ros, capfd):
 
 
 def test_a_callback_that_never_ends_is_not_waited_for_longer(ros):
-    node, executor = busy_executor(1.5)
+    node, executor = busy_executor(4.0)
     while not node.running.is_set():
         executor.spin_once(timeout_sec=0.1)
     start = time.monotonic()
     assert not executor.drain(0.1)
-    assert time.monotonic() - start < 1.0
-    assert executor.shutdown(20.0)
+    assert time.monotonic() - start < 3.5
+    assert executor.shutdown(30.0)
     assert node.begun == node.ended
     node.destroy_node()

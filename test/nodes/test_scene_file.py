@@ -52,7 +52,6 @@ def test_the_folder_holds_the_file_and_nothing_else(path):
     ("name", "sentence"),
     [
         ("scene.pkl", "a scene file ends in .npz"),
-        ("none/scene.npz", "cannot be written (No such file or directory)"),
         ("folder.npz", "is a folder, expected a file"),
     ],
 )
@@ -61,6 +60,17 @@ def test_a_bad_path_is_not_written_to(tmp_path, name, sentence):
     with pytest.raises(SceneFileError) as caught:
         write_scene(tmp_path / name, scene())
     assert str(caught.value) == f"{tmp_path / name}: {sentence}"
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(SceneFileError, match=f"there is no folder {tmp_path}/none$"):
+        write_scene(tmp_path / "none" / "scene.npz", scene())
+
+
+def test_whoever_may_read_our_files_may_read_a_scene(path):
+    other = path.with_name("other")
+    other.touch()
+    assert path.stat().st_mode == other.stat().st_mode
 
 
 def test_a_missing_file_says_so(tmp_path):
