@@ -18,7 +18,9 @@ from neugrasp_ros.errors import ConfigError
 FloatArray = NDArray[np.float64]
 
 STOP_TIMES = (0.15, 0.25, 0.4, 0.6, 0.9, 1.4, 2.0)  # [s], the first that holds is taken
-STOP_SAMPLES = 60
+STOP_SAMPLES = 240  # at which a stop is checked, besides
+KNOT_SIDE = 1e-5  # [s] before and after each point of the path, where jerk jumps
+STOP_MARGIN = 0.98  # share of the jerk limit that may be used there
 POSITION_SLACK = 1e-3  # [rad] or [m]; beyond a limit, of a goal
 
 
@@ -58,6 +60,9 @@ class Track:
         velocities: Shape (T, n).
         accelerations: Shape (T, n).
 
+    Attributes:
+        times: As given.
+
     Raises:
         ConfigError: If the times do not increase from 0.
     """
@@ -71,7 +76,7 @@ class Track:
     ) -> None:
         if len(times) < 2 or times[0] != 0.0 or not (np.diff(times) > 0).all():
             raise ConfigError(f"times must increase from 0, got {times.tolist()[:5]}")
-        self._times = times
+        self.times = times
         h = np.diff(times)[:, None]
         p0, p1 = positions[:-1], positions[1:]
         v0, v1 = velocities[:-1] * h, velocities[1:] * h
@@ -91,20 +96,20 @@ class Track:
     @property
     def duration(self) -> float:
         """Length in [s]."""
-        return float(self._times[-1])
+        return float(self.times[-1])
 
     def at(self, time: float) -> Setpoint:
         """Return the set point at a time in [s]; past the end it stands still."""
         if time >= self.duration:
-            end = self._piece(len(self._times) - 2, 1.0)
+            end = self._piece(len(self.times) - 2, 1.0)
             still = np.zeros_like(end.position)
             return Setpoint(end.position, still, still, still)
-        k = int(np.searchsorted(self._times, time, side="right")) - 1
-        span = self._times[k + 1] - self._times[k]
-        return self._piece(k, (time - self._times[k]) / span)
+        k = int(np.searchsorted(self.times, time, side="right")) - 1
+        span = self.times[k + 1] - self.times[k]
+        return self._piece(k, (time - self.times[k]) / span)
 
     def _piece(self, k: int, u: float) -> Setpoint:
-        h = float(self._times[k + 1] - self._times[k])
+        h = float(self.times[k + 1] - self.times[k])
         c = self._coefficients[:, k]
         powers = u ** np.arange(6)
         order = np.arange(6)
@@ -248,13 +253,24 @@ class JointDrive:
             p.jerk * rate**3 + 3 * p.acceleration * rate * slope + p.velocity * curve,
         )
 
+    def _critical_times(self, stop: _Stop) -> FloatArray:
+        """Return times since the stop's begin [s] that show the most it asks for."""
+        assert self._track is not None
+        even = np.linspace(0.0, stop.seconds, STOP_SAMPLES)
+        path = np.array([stop.at(stop.begin + after)[0] for after in even])
+        points = self._track.times
+        points = points[(points > path[0]) & (points < path[-1])]
+        crossed = np.interp(points, path, even)
+        return np.concatenate([even, crossed - KNOT_SIDE, crossed + KNOT_SIDE])
+
     def _keeps_limits(self, stop: _Stop) -> bool:
-        for share in np.linspace(0.0, 1.0, STOP_SAMPLES):
-            p = self._stopped(stop, stop.begin + share * stop.seconds)
-            if (np.abs(p.velocity) > self.limits.velocity).any():
+        limits = self.limits
+        for after in self._critical_times(stop):
+            p = self._stopped(stop, stop.begin + after)
+            if (np.abs(p.velocity) > limits.velocity).any():
                 return False
-            if (np.abs(p.acceleration) > self.limits.acceleration).any():
+            if (np.abs(p.acceleration) > limits.acceleration).any():
                 return False
-            if (np.abs(p.jerk) > self.limits.jerk).any():
+            if (np.abs(p.jerk) > STOP_MARGIN * limits.jerk).any():
                 return False
         return True

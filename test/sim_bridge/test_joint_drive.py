@@ -81,6 +81,18 @@ def test_a_stop_keeps_every_limit_and_stays_on_the_way(share):
     assert drive.setpoint(now).velocity == pytest.approx(0.0)
 
 
+def test_a_stop_keeps_the_jerk_limit_between_any_two_steps():
+    for share in np.linspace(0.02, 0.98, 60):
+        drive, track = started()
+        now = begin = share * track.duration
+        drive.setpoint(now)
+        drive.stop(now)
+        while drive.state is DriveState.STOPPING and now < begin + 2.5:
+            point = drive.setpoint(now)
+            assert (np.abs(point.jerk) <= LIMITS.jerk).all(), (share, now - begin)
+            now += 5e-4
+
+
 def test_points_that_begin_later_begin_where_the_joints_are():
     drive = JointDrive(NAMES, LIMITS, START)
     drive.start(drive.read(np.array([1.0]), GOAL[None]), 5.0)
