@@ -18,8 +18,8 @@ from neugrasp_ros.errors import ConfigError
 FloatArray = NDArray[np.float64]
 
 STOP_TIMES = (0.15, 0.25, 0.4, 0.6, 0.9, 1.4, 2.0)  # [s], the first that holds is taken
-STOP_SAMPLES = 240  # at which a stop is checked, besides
-KNOT_SIDE = 1e-5  # [s] before and after each point of the path, where jerk jumps
+STOP_SAMPLES = 240  # of the path time during a stop
+PIECE_SHARES = np.linspace(0.002, 0.998, 11)  # where a stop is checked in each piece
 STOP_MARGIN = 0.98  # share of the jerk limit that may be used there
 POSITION_SLACK = 1e-3  # [rad] or [m]; beyond a limit, of a goal
 
@@ -254,14 +254,14 @@ class JointDrive:
         )
 
     def _critical_times(self, stop: _Stop) -> FloatArray:
-        """Return times since the stop's begin [s] that show the most it asks for."""
+        """Return times since the stop's begin [s], close in every piece of the path."""
         assert self._track is not None
         even = np.linspace(0.0, stop.seconds, STOP_SAMPLES)
         path = np.array([stop.at(stop.begin + after)[0] for after in even])
-        points = self._track.times
+        begins, spans = self._track.times[:-1], np.diff(self._track.times)
+        points = (begins[:, None] + spans[:, None] * PIECE_SHARES).ravel()
         points = points[(points > path[0]) & (points < path[-1])]
-        crossed = np.interp(points, path, even)
-        return np.concatenate([even, crossed - KNOT_SIDE, crossed + KNOT_SIDE])
+        return np.concatenate([[0.0], np.interp(points, path, even), [stop.seconds]])
 
     def _keeps_limits(self, stop: _Stop) -> bool:
         limits = self.limits
