@@ -111,3 +111,8 @@ def test_overrides_are_left_alone():
 def test_a_configuration_cannot_be_changed():
     with pytest.raises(AttributeError):
         TrainConfig().steps = 3
+
+
+def test_a_part_head_needs_classes():
+    with pytest.raises(ConfigError, match="part_head needs affordances, got none"):
+        NetworkConfig(part_head=True)

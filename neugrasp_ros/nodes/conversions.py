@@ -35,6 +35,20 @@ def from_stamp(stamp: Time) -> int:
     return int(stamp.sec * NANOSECONDS + stamp.nanosec)
 
 
+def only(grasps: GraspArray, grasp: Grasp) -> GraspArray:
+    """Return an array with one of its grasps, and what is said of all of them."""
+    return GraspArray(
+        header=grasps.header,
+        axes=grasps.axes,
+        stage=grasps.stage,
+        gripper=grasps.gripper,
+        tcp_frame=grasps.tcp_frame,
+        scene_revision=grasps.scene_revision,
+        joint_names=grasps.joint_names,
+        grasps=[grasp],
+    )
+
+
 def to_poses(T_a_bs: FloatArray) -> list[Pose]:
     """Return poses of shape (N, 4, 4) as messages."""
     if not len(T_a_bs):

@@ -19,7 +19,12 @@ from sensor_msgs.msg import Image, PointCloud2
 from neugrasp_ros.errors import NeuGraspError
 from neugrasp_ros.nodes.compat.clouds import read_points
 from neugrasp_ros.nodes.compat.images import read_depth
-from neugrasp_ros.nodes.conversions import from_grasp_array, from_pose, from_stamp
+from neugrasp_ros.nodes.conversions import (
+    from_grasp_array,
+    from_pose,
+    from_stamp,
+    only,
+)
 from neugrasp_ros.nodes.qos import latched, newest, sensor_input
 from neugrasp_ros.nodes.runtime import SPIN_PERIOD, ros
 from neugrasp_ros.pictures.decision import Attempt, Decision
@@ -237,16 +242,7 @@ class DemoClient(Node):
 
     def _attempt(self, grasps: GraspArray) -> Attempt:
         best = grasps.grasps[0]
-        alone = GraspArray(
-            header=grasps.header,
-            axes=grasps.axes,
-            stage=grasps.stage,
-            gripper=grasps.gripper,
-            tcp_frame=grasps.tcp_frame,
-            scene_revision=grasps.scene_revision,
-            grasps=[best],
-        )
-        tried = self._call(self._try, TryGrasp.Request(grasp=alone))
+        tried = self._call(self._try, TryGrasp.Request(grasp=only(grasps, best)))
         return Attempt(best.quality, best.width, tried.success, tried.message)
 
     def _call(self, client: Any, request: Any, timeout: float = CALL_TIMEOUT) -> Any:

@@ -18,6 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from neugrasp_ros.manipulation.executor import GraspOutcome
 from neugrasp_ros.nodes.compat.images import read_color
+from neugrasp_ros.nodes.conversions import only
 from neugrasp_ros.nodes.demo_client import DemoClient, DemoError
 from neugrasp_ros.nodes.qos import latched, newest
 from neugrasp_ros.nodes.settings import DEFAULT_SUPPORT_HEIGHT
@@ -127,17 +128,9 @@ class RobotDemoClient(DemoClient):
         return Attempt(best.quality, best.width, False, f"LOST: {words}")
 
     def _carry_out(self, grasps: GraspArray, best: Grasp) -> tuple[GraspOutcome, str]:
-        alone = GraspArray(
-            header=grasps.header,
-            axes=grasps.axes,
-            stage=grasps.stage,
-            gripper=grasps.gripper,
-            tcp_frame=grasps.tcp_frame,
-            scene_revision=grasps.scene_revision,
-            joint_names=grasps.joint_names,
-            grasps=[best],
+        sent = self._execute.send_goal_async(
+            ExecuteGrasp.Goal(grasp=only(grasps, best))
         )
-        sent = self._execute.send_goal_async(ExecuteGrasp.Goal(grasp=alone))
         handle = self._await(sent, "execute_grasp", MOTION_TIMEOUT)
         if not handle.accepted:
             return GraspOutcome.ABORTED, "execute_grasp took no goal"

@@ -24,6 +24,7 @@ from neugrasp_ros.nodes.conversions import (  # noqa: E402
     from_poses,
     from_stamp,
     from_tsdf,
+    only,
     to_best_pose,
     to_grasp_array,
     to_pose,
@@ -239,3 +240,14 @@ def test_half_floats_are_read_and_bad_volumes_refused():
     message.encoding = 9
     with pytest.raises(ConfigError, match="encoding 9"):
         from_tsdf(message)
+
+
+def test_one_grasp_keeps_what_is_said_of_all():
+    array = GraspArray(axes=1, gripper="g", tcp_frame="t", scene_revision=7)
+    array.joint_names = ["a", "b"]
+    array.header.frame_id = "base"
+    array.grasps = [Grasp(width=0.05), Grasp(width=0.06)]
+    alone = only(array, array.grasps[1])
+    assert [grasp.width for grasp in alone.grasps] == [0.06]
+    alone.grasps = array.grasps
+    assert alone == array
