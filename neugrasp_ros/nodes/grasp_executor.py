@@ -237,10 +237,13 @@ class GraspExecutorNode(Node):
         return self._watch.before(info.stamp)
 
     def _wait_for_view(self) -> None:
-        """Wait until something newer than what is known now was seen."""
-        known = self._watch.newest
+        """Wait for a view taken from now on; one on its way may show what was before."""
+        asked = self.get_clock().now().nanoseconds
         deadline = time.monotonic() + self._config.fresh_view
-        while known is self._watch.newest and time.monotonic() < deadline:
+        while time.monotonic() < deadline:
+            newest = self._watch.newest
+            if newest is not None and newest.stamp >= asked:
+                return
             time.sleep(POLL)
 
     def _on_drop(self, _: Trigger.Request, response: Trigger.Response) -> object:

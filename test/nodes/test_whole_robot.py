@@ -183,7 +183,7 @@ def test_spawn_detect_and_execute_one_grasp_and_drop_it(cell):
 
 
 def test_an_object_that_moved_since_the_detection_is_stale_or_missed(cell):
-    cell.spawn()
+    cell.spawn(count=1)  # nothing else can take its place
     answer = cell.detect()
     assert answer.success, answer.report.message
 
