@@ -237,7 +237,7 @@ class GraspExecutorNode(Node):
         return self._watch.before(info.stamp)
 
     def _wait_for_view(self) -> None:
-        """Wait for a view taken from now on; one on its way may show what was before."""
+        """Wait for a view taken from now on; one on its way may show the past."""
         asked = self.get_clock().now().nanoseconds
         deadline = time.monotonic() + self._config.fresh_view
         while time.monotonic() < deadline:
