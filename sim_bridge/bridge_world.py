@@ -35,6 +35,10 @@ _log = logging.getLogger(__name__)
 PACE_STEPS = 4  # physics steps between two looks at the wall clock
 STEP_NS = round(TIME_STEP * 1e9)
 LARGEST_LAG = 0.25  # [s]; a longer one is given up, not caught up
+LEAST_PAUSE = 0.25  # of the time spent on physics, left to the process's other threads
+SHORTEST_WAIT = 0.01  # [s]; shorter ones are put together: each may cost as much more
+REST_TIME = 0.5  # [s] of simulated time that nothing moves before it rests
+REST_CHANGE = 2e-4  # [m], [rad], [-]; a smaller change in that time is no motion
 KINDS = (*SCENE_KINDS, "affordance")
 
 
@@ -128,7 +132,8 @@ class BridgeWorld:
         self._ended = ""
         self._live = False
         self._time = 0
-        self._due = time.monotonic()
+        self._due = self._resumed = time.monotonic()
+        self._still: tuple[int, FloatArray | None] = (0, None)  # since when [ns], where
         self.snapshot = Snapshot(0, (), (), np.zeros((0, 4, 4)))
         self.measured_factor = 0.0
         self._mark = (time.monotonic(), 0)
@@ -243,6 +248,7 @@ class BridgeWorld:
         with self._world:
             while not self._closed:
                 if self._jobs:
+                    self._still = (self._time, None)  # a job may move anything
                     future, job = self._jobs.popleft()
                     try:
                         future.set_result(job())
@@ -253,7 +259,31 @@ class BridgeWorld:
                     with self._wake:
                         self._wake.wait_for(lambda: self._jobs or self._closed)
                     continue
-                self._world.step(PACE_STEPS)
+                if self._rests():
+                    self._on_steps(PACE_STEPS)
+                else:
+                    self._world.step(PACE_STEPS)
+
+    def _rests(self) -> bool:
+        """Tell whether nothing has moved for a while, so that only time goes on.
+
+        As fast as possible would be no pace at all then; such a world never rests.
+        """
+        since, before = self._still
+        now = self._places()
+        if (
+            now is None
+            or before is None
+            or now.shape != before.shape
+            or (np.abs(now - before) > REST_CHANGE).any()
+        ):
+            self._still = (self._time, now)
+            return False
+        return self.realtime_factor > 0 and self._time - since > REST_TIME * 1e9
+
+    def _places(self) -> FloatArray | None:
+        """Return numbers that stay the same while nothing moves; None if it does."""
+        return self.snapshot.poses.ravel()
 
     def _make_world(self) -> World:
         return _PacedWorld(self._on_steps)
@@ -271,15 +301,23 @@ class BridgeWorld:
         if now - start >= 1.0:
             self.measured_factor = (self._time - simulated) / 1e9 / (now - start)
             self._mark = (now, self._time)
-        if self.realtime_factor <= 0:
+        self._pause(now, steps * TIME_STEP)
+
+    def _pause(self, now: float, simulated: float) -> None:
+        """Wait until simulated time is due, and always long enough for others to work.
+
+        A world that cannot keep its pace would never let go of the interpreter.
+        """
+        wait = LEAST_PAUSE * (now - self._resumed)
+        if self.realtime_factor > 0:
+            self._due = max(self._due, now - LARGEST_LAG)
+            self._due += simulated / self.realtime_factor
+            wait = max(wait, self._due - now)
+        if wait < SHORTEST_WAIT:
             return
-        self._due += steps * TIME_STEP / self.realtime_factor
-        wait = self._due - now
-        if wait < -LARGEST_LAG:
-            self._due = now
-        elif wait > 0:
-            with self._wake:
-                self._wake.wait_for(lambda: self._closed, timeout=wait)
+        with self._wake:
+            self._wake.wait_for(lambda: self._closed, timeout=wait)
+        self._resumed = time.monotonic()
 
     def _look(self) -> Snapshot:
         world = self._world
@@ -297,7 +335,7 @@ class BridgeWorld:
             self._build(kind, seed, count)
         finally:
             self._live = True
-            self._due = time.monotonic()
+            self._due = self._resumed = time.monotonic()
         self._last_spawn = (kind, seed, count)
         self.snapshot = self._look()
         return self.snapshot.names

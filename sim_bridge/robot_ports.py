@@ -22,7 +22,7 @@ from neugrasp_ros.nodes.work import shielded
 from sim_bridge.joint_drive import DriveState
 from sim_bridge.robot_world import RobotWorld
 
-POLL = 0.01  # [s]
+POLL = 0.02  # [s]
 GOAL_TOLERANCE = 0.02  # [rad] or [m] at the end of a trajectory
 PATH_TOLERANCE = 0.15  # [rad] or [m] on the way; more means that the arm is blocked
 SETTLE_TIME = 0.5  # [s] of simulated time after the end

@@ -273,6 +273,13 @@ class RobotWorld(BridgeWorld):
             )
         super()._on_steps(steps)
 
+    def _places(self) -> FloatArray | None:
+        """Return poses and joint values; None while a drive moves."""
+        if any(d.state is not DriveState.HOLDING for d in self.drives.values()):
+            return None
+        robot = self.snapshot.robot
+        return np.concatenate([self.snapshot.poses.ravel(), robot.q])
+
     def _look(self) -> Snapshot:
         plain = super()._look()
         if self._body is None:

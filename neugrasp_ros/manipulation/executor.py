@@ -232,7 +232,11 @@ class GraspExecutor:
             hardware.follow(plan.arm, plan.motion.approach)
         except MotionError as error:
             self._back_out(plan, around)
-            return Outcome(GraspOutcome.ABORTED, f"on the approach: {error}")
+            kind, words = GraspOutcome.ABORTED, "on the approach"
+            if hardware.has_moved(plan.T_base_gripper):
+                kind = GraspOutcome.STALE
+                words = "the object is not where it was seen; on the approach"
+            return Outcome(kind, f"{words}: {error}")
         report("close", 0.7)
         hardware.move_jaws(gripper, 0.0)
         if (opening := hardware.opening(gripper)) < self._config.empty_opening:

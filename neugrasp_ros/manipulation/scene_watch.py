@@ -47,13 +47,15 @@ class SceneWatch:
     def __init__(self, support_height: float) -> None:
         self._support = support_height
         self._scenes: OrderedDict[int, SeenScene] = OrderedDict()
+        self._first: dict[int, int] = {}  # when a revision was first seen [ns]
 
     def remember(self, scene: SeenScene) -> None:
-        """Keep a scene; the oldest one is forgotten."""
+        """Keep a scene, or that it was seen again; the oldest one is forgotten."""
         self._scenes[scene.revision] = scene
         self._scenes.move_to_end(scene.revision)
+        self._first.setdefault(scene.revision, scene.stamp)
         while len(self._scenes) > KEPT:
-            self._scenes.popitem(last=False)
+            del self._first[self._scenes.popitem(last=False)[0]]
 
     @property
     def newest(self) -> SeenScene | None:
@@ -66,7 +68,7 @@ class SceneWatch:
 
     def before(self, stamp: int) -> SeenScene | None:
         """Return the newest scene that is not younger than a time in [ns]."""
-        found = [s for s in self._scenes.values() if s.stamp <= stamp]
+        found = [s for s in self._scenes.values() if self._first[s.revision] <= stamp]
         return found[-1] if found else None
 
     def points(self) -> FloatArray:

@@ -25,7 +25,7 @@ from neugrasp_ros.robot.urdf import finger_joints
 
 FloatArray = NDArray[np.float64]
 
-POLL = 0.005  # [s]
+POLL = 0.02  # [s]
 ANSWER_TIME = 10.0  # [s] that a controller may take to accept or to stop
 STATE_TIME = 5.0  # [s] that joint states may fail to come
 JAW_TIME = 0.7  # [s] of a jaw motion

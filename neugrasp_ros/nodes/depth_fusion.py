@@ -59,18 +59,24 @@ class DepthFusion:
         lookup: ``(target, source, stamp in [ns]) -> T_target_source``; raises
             ``TransformException``.
         now: Returns the node's time in [ns].
+        steady: Returns a time in [s] by which an image waits for its transform: how
+            fast simulated time goes does not make messages come sooner.
     """
 
     def __init__(
-        self, config: LiveConfig[FusionConfig], lookup: Lookup, now: Callable[[], int]
+        self,
+        config: LiveConfig[FusionConfig],
+        lookup: Lookup,
+        now: Callable[[], int],
+        steady: Callable[[], float] = time.monotonic,
     ) -> None:
         self._config = config
         self._lookup = lookup
-        self._now = now
+        self._now, self._steady = now, steady
         self._changed = threading.Condition(threading.RLock())
         self._camera: Intrinsics | None = None
         self._no_camera = ""  # why the camera info that came is of no use
-        self._pending: deque[Image] = deque()
+        self._pending: deque[tuple[Image, float]] = deque()  # and when it came [s]
         self._problem: DetectionError | None = None
         self._newest = 0  # stamp of the newest image that came [ns]
         self._taken = 0  # and of the newest that was not too early [ns]
@@ -174,7 +180,7 @@ class DepthFusion:
                         self._no_camera or "no depth/camera_info has come yet",
                     )
                 )
-            self._pending.append(image)
+            self._pending.append((image, self._steady()))
             while len(self._pending) > config.tf_queue:
                 self._drop()
             return self.retry()
@@ -185,7 +191,7 @@ class DepthFusion:
         with self._changed:
             camera = self._camera
             while self._pending and camera is not None:
-                image = self._pending[0]
+                image, came = self._pending[0]
                 stamp = from_stamp(image.header.stamp)
                 frame = self._config.current.workspace.frame
                 try:
@@ -194,8 +200,8 @@ class DepthFusion:
                     self._problem = DetectionError(
                         Code.TF_ERROR, f"{frame} <- {image.header.frame_id}: {error}"
                     )
-                    age = (self._now() - stamp) / 1e9
-                    if age <= self._config.current.tf_timeout:
+                    waited = self._steady() - came
+                    if waited <= self._config.current.tf_timeout:
                         break
                     self._drop()
                     continue

@@ -2,7 +2,6 @@
 """Node ``grasp_executor``: a grasp as motion of the robot, and what came of it."""
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -19,9 +18,8 @@ from visualization_msgs.msg import MarkerArray
 
 from neugrasp_ros.errors import CanceledError, ConfigError, NeuGraspError
 from neugrasp_ros.manipulation.executor import GraspExecutor, GraspOutcome, Outcome
-from neugrasp_ros.manipulation.mover import ArmMover, Surroundings
+from neugrasp_ros.manipulation.mover import ArmMover
 from neugrasp_ros.manipulation.scene_watch import SceneWatch, SeenScene
-from neugrasp_ros.motion.limits import Trajectory
 from neugrasp_ros.nodes.arm_hardware import Controllers
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener
 from neugrasp_ros.nodes.conversions import from_grasp_array, from_tsdf
@@ -29,70 +27,18 @@ from neugrasp_ros.nodes.grasp_list import GraspList
 from neugrasp_ros.nodes.params import declare_config
 from neugrasp_ros.nodes.qos import latched, newest, overrides
 from neugrasp_ros.nodes.runtime import run
+from neugrasp_ros.nodes.sensing_robot import FreshViews, SensingRobot
 from neugrasp_ros.nodes.settings import ExecuteConfig
 from neugrasp_ros.nodes.solid_boxes import TOPIC, from_box_markers
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.work import answer, log_bug, shielded
 from neugrasp_ros.robot.model import load_robot
-from neugrasp_ros.robot.obstacles import SolidBox
 from neugrasp_ros.robot.reachability import ReachabilityChecker
 
 FloatArray = NDArray[np.float64]
 
 NAME = "grasp_executor"
-POLL = 0.02  # [s]
 THREADS = 6
-
-
-class SensingRobot:
-    """The robot and what it sees, as the executor wants them.
-
-    Args:
-        controllers: Moves the robot.
-        mover: Knows its shape.
-        watch: Remembers what was seen.
-
-    Attributes:
-        boxes: Known solid boxes.
-        seen_in: The scene that the grasp was computed from; None = unknown.
-    """
-
-    def __init__(
-        self, controllers: Controllers, mover: ArmMover, watch: SceneWatch
-    ) -> None:
-        self._controllers, self._mover, self._watch = controllers, mover, watch
-        self.boxes: tuple[SolidBox, ...] = ()
-        self.seen_in: SeenScene | None = None
-
-    def configuration(self) -> FloatArray:
-        """Return the measured configuration, shape (J,)."""
-        return self._controllers.configuration()
-
-    def follow(self, group: str, motion: Trajectory) -> None:
-        """Carry out a motion."""
-        self._controllers.follow(group, motion)
-
-    def move_jaws(self, gripper: str, opening: float) -> None:
-        """Bring jaws to an opening in [m], or until they hold something."""
-        self._controllers.move_jaws(gripper, opening)
-
-    def opening(self, gripper: str) -> float:
-        """Return the measured opening of jaws in [m]."""
-        return self._controllers.opening(gripper)
-
-    def surroundings(self) -> Surroundings:
-        """Return what was seen last, without the robot itself, and the boxes."""
-        points = self._watch.points()
-        if len(points):
-            collisions = self._mover.checker.collisions
-            points = points[collisions.off_robot(points, self.configuration())]
-        return Surroundings(points, self.boxes)
-
-    def has_moved(self, T_base_gripper: FloatArray) -> bool:
-        """Tell whether the thing to grasp left its place since it was seen."""
-        if self.seen_in is None:
-            return False
-        return self._watch.has_moved(T_base_gripper, self.seen_in)
 
 
 class GraspExecutorNode(Node):
@@ -111,7 +57,10 @@ class GraspExecutorNode(Node):
         self._arms = tuple(mover.checker.arms)
         self._watch = SceneWatch(config.support_height)
         self._controllers = Controllers(self, robot, config.controllers)
-        self._hardware = SensingRobot(self._controllers, mover, self._watch)
+        views = FreshViews(self, self._watch, self._on_tsdf, config.fresh_view)
+        self._hardware = SensingRobot(
+            self._controllers, mover, self._watch, views.wait, self._now
+        )
         self._grasping = GraspExecutor(mover, self._hardware, config)
         if transforms is None:
             buffer = Buffer()
@@ -151,6 +100,9 @@ class GraspExecutorNode(Node):
         )
         for name, callback in (("~/drop", self._on_drop), ("~/home", self._on_home)):
             self.create_service(Trigger, name, callback, callback_group=group)
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
 
     def _on_tsdf(self, message: TsdfVolume) -> None:
         view = from_tsdf(message)
@@ -206,7 +158,7 @@ class GraspExecutorNode(Node):
                 raise ConfigError("execute_grasp: the array holds no grasp")
             T = self._transforms(self._base, grasps.info.frame_id, 0)
             self._hardware.seen_in = self._scene_of(grasps)
-            self._wait_for_view()
+            self._hardware.look_anew()
             self._executed.publish(request.grasp)
             arm = grasps.reach.arms[0] if grasps.reach else ""
             return self._grasping.execute(
@@ -235,16 +187,6 @@ class GraspExecutorNode(Node):
             if found is not None:
                 return found
         return self._watch.before(info.stamp)
-
-    def _wait_for_view(self) -> None:
-        """Wait for a view taken from now on; one on its way may show the past."""
-        asked = self.get_clock().now().nanoseconds
-        deadline = time.monotonic() + self._config.fresh_view
-        while time.monotonic() < deadline:
-            newest = self._watch.newest
-            if newest is not None and newest.stamp >= asked:
-                return
-            time.sleep(POLL)
 
     def _on_drop(self, _: Trigger.Request, response: Trigger.Response) -> object:
         return self._move(response, self._grasping.drop)

@@ -222,7 +222,7 @@ class ExecuteConfig(ExecutorConfig, SupportConfig):
         True, "Approach with open jaws, as the network learned; else with Grasp.width"
     )
     fresh_view: float = option(
-        3.0, "Longest wait for a view newer than the goal [s]", 0.0, 60.0
+        3.0, "Longest wait for a view newer than the last motion [s]", 0.0, 60.0
     )
     reach: ReachabilityConfig = part(ReachabilityConfig, "What a grasp needs")
     mover: MoverConfig = part(MoverConfig, "How the arm moves")

@@ -16,7 +16,7 @@ GRASP = np.eye(4)
 
 
 class Hardware:
-    def __init__(self, openings=(0.03, 0.03), moved=(False, False), fail=None):
+    def __init__(self, openings=(0.03, 0.03), moved=(False,) * 3, fail=None):
         self.done, self._fail = [], fail or {}
         self._openings, self._moved = list(openings), list(moved)
 
@@ -174,6 +174,16 @@ def test_a_blocked_approach_is_backed_out_of():
     _, outcome, _ = run(hardware)
     assert outcome.kind is GraspOutcome.ABORTED
     assert "on the approach" in outcome.message
+    assert hardware.done[-2:] == ["shift", "home"]
+
+
+def test_after_a_blocked_approach_it_looks_whether_the_object_is_still_there():
+    behind = MotionError("a joint is behind")
+    hardware = Hardware(fail={"approach": behind}, moved=[False, False, True])
+    _, outcome, _ = run(hardware)
+    assert outcome.kind is GraspOutcome.STALE
+    assert "not where it was seen" in outcome.message
+    assert "a joint is behind" in outcome.message
     assert hardware.done[-2:] == ["shift", "home"]
 
 

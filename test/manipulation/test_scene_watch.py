@@ -74,3 +74,12 @@ def test_scenes_are_found_by_number_and_by_time_and_forgotten():
     points = watch.points()
     assert points[:, 2].min() == pytest.approx(0.70, abs=1e-6)
     assert points[:, 2].max() == pytest.approx(0.75, abs=2e-3)
+
+
+def test_a_scene_that_is_seen_again_keeps_the_time_when_it_was_first_seen():
+    watch, first = SceneWatch(SUPPORT), box_scene(HERE, 1)
+    watch.remember(first)
+    watch.remember(first._replace(stamp=500))
+    assert watch.newest.stamp == 500
+    assert watch.before(first.stamp).revision == 1
+    assert watch.before(first.stamp - 1) is None

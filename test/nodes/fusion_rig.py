@@ -24,7 +24,9 @@ class Rig:
         self.config = LiveConfig(FusionConfig(workspace=workspace, **options))
         self.time = 5 * SECOND
         self.has_tf = True
-        self.fusion = DepthFusion(self.config, self.lookup, lambda: self.time)
+        self.fusion = DepthFusion(
+            self.config, self.lookup, lambda: self.time, lambda: self.time / SECOND
+        )
 
     def lookup(self, target, source, stamp):
         if not self.has_tf:

@@ -23,7 +23,10 @@ from nodes.synthetic import (  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
 from neugrasp_ros.nodes.compat.tf import Buffer, from_transform  # noqa: E402
-from neugrasp_ros.nodes.compat.tf_buffer import to_transform  # noqa: E402
+from neugrasp_ros.nodes.compat.tf_buffer import (  # noqa: E402
+    LookupException,
+    to_transform,
+)
 from neugrasp_ros.nodes.depth_fusion import DepthFusion  # noqa: E402
 from neugrasp_ros.nodes.outcomes import Code, DetectionError  # noqa: E402
 
@@ -162,7 +165,9 @@ def test_tf_that_ends_before_the_image_is_waited_for_and_then_given_up(rig):
         there = Time(nanoseconds=stamp)
         return from_transform(buffer.lookup_transform(target, source, there))
 
-    fusion = DepthFusion(rig.config, lookup, lambda: rig.time)
+    fusion = DepthFusion(
+        rig.config, lookup, lambda: rig.time, lambda: rig.time / SECOND
+    )
     fusion.on_camera_info(camera_info())
     image = depth_image(rig.scene.depth(), rig.time)
     move(rig.time - SECOND // 2)
@@ -174,10 +179,30 @@ def test_tf_that_ends_before_the_image_is_waited_for_and_then_given_up(rig):
     move(rig.time)
     assert fusion.retry() and fusion.view().stamp == rig.time - SECOND // 10
     late = depth_image(rig.scene.depth(), rig.time + SECOND // 2)
+    assert not fusion.on_depth(late) and fusion.counts["no_tf"] == 0
     rig.time += SECOND
-    assert not fusion.on_depth(late) and fusion.counts["no_tf"] == 1
+    assert not fusion.retry() and fusion.counts["no_tf"] == 1
     move(rig.time)
     assert not fusion.retry()  # it is not taken up again
+
+
+def test_an_image_waits_for_its_tf_by_a_clock_that_simulated_time_does_not_hurry(rig):
+    seconds = [10.0]
+    has_tf = [False]
+
+    def lookup(target, source, stamp):
+        if not has_tf[0]:
+            raise LookupException("not yet")
+        return rig.scene.T_base_camera
+
+    fusion = DepthFusion(rig.config, lookup, lambda: rig.time, lambda: seconds[0])
+    fusion.on_camera_info(camera_info())
+    image = depth_image(rig.scene.depth(), rig.time)
+    fusion.on_depth(image)
+    rig.time += 5 * SECOND  # simulated, in no time
+    seconds[0] += 0.1
+    has_tf[0] = True
+    assert fusion.retry() and fusion.counts["no_tf"] == 0
 
 
 def test_missing_tf_names_the_link_and_late_tf_is_waited_for(rig):

@@ -10,12 +10,12 @@ import pytest
 pytest.importorskip("neugrasp_msgs")
 
 import rclpy  # noqa: E402
+from builtin_interfaces.msg import Duration  # noqa: E402
 from neugrasp_msgs.action import ExecuteGrasp  # noqa: E402
 from neugrasp_msgs.msg import DetectionReport, Grasp, GraspArray  # noqa: E402
 from neugrasp_msgs.srv import DetectGrasps, SpawnScene  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
 from rclpy.context import Context  # noqa: E402
-from rclpy.executors import MultiThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
@@ -25,6 +25,7 @@ from neugrasp_ros.manipulation.executor import GraspOutcome  # noqa: E402
 from neugrasp_ros.model import default_weights  # noqa: E402
 from neugrasp_ros.nodes.composed import Suite  # noqa: E402
 from neugrasp_ros.nodes.conversions import to_pose  # noqa: E402
+from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
 from neugrasp_ros.nodes.grasp_executor import GraspExecutorNode  # noqa: E402
 from neugrasp_ros.nodes.runtime import SpinThread, prepare  # noqa: E402
 from neugrasp_ros.robot.model import load_robot  # noqa: E402
@@ -45,6 +46,14 @@ REMAPS = [
     "-r", f"depth/camera_info:={HEAD}/camera_info",
 ]  # fmt: skip
 LONG = 300.0  # [s]; a busy machine simulates slowly
+SIMULATED = {
+    "realtime_factor": 4.0, "clock_rate": 10.0, "camera.rate": 2.0,
+    "camera.width": 320, "camera.height": 240,
+    "kind": "table:packed", "seed": 5, "count": 2,
+}  # fmt: skip
+QUIET = {"streaming": False, "max_depth_age": 0.0, "use_sim_time": True}
+PATIENT = {"fresh_view": 60.0, "mover.timeout": 30.0, "use_sim_time": True}
+CANDIDATES = 64  # enough for two objects
 
 
 class User(Node):
@@ -59,12 +68,12 @@ class User(Node):
         return done(client.call_async(kind.Request(**fields)))
 
     def send(self, grasps: GraspArray):
-        self.stages.clear()
+        self.stages = stages = []  # a goal before may still tell of its own
         goal = ExecuteGrasp.Goal(grasp=grasps)
         assert self.execute.wait_for_server(timeout_sec=30.0)
         return done(
             self.execute.send_goal_async(
-                goal, feedback_callback=lambda m: self.stages.append(m.feedback.stage)
+                goal, feedback_callback=lambda m: stages.append(m.feedback.stage)
             )
         )
 
@@ -87,27 +96,21 @@ class Cell:
     """Everything that spins, and the user."""
 
     def __init__(self, context: Context) -> None:
-        self.executor = MultiThreadedExecutor(num_threads=16, context=context)
-        simulated = {
-            "realtime_factor": 4.0, "camera.rate": 2.0, "camera.width": 320,
-            "camera.height": 240, "kind": "table:packed", "seed": 5, "count": 2,
-        }  # fmt: skip
-        self.bridge = RobotBridgeNode(
-            parameter_overrides=[Parameter(k, value=v) for k, v in simulated.items()],
-            context=context,
-        )
-        quiet = {"streaming": False, "max_depth_age": 0.0, "use_sim_time": True}
+        robot = PatientExecutor(12, context=context)  # its own, as on a robot
+        others = PatientExecutor(12, context=context)
+        self.bridge = RobotBridgeNode(**options(SIMULATED), context=context)
+        robot.add_node(self.bridge)
         self.suite = Suite(
-            self.executor,
-            parameter_overrides=[Parameter(k, value=v) for k, v in quiet.items()],
+            others,
+            **options(QUIET),
             cli_args=["--ros-args", *REMAPS],
             context=context,
         )
-        self.arms = GraspExecutorNode(context=context)
+        self.arms = GraspExecutorNode(**options(PATIENT), context=context)
         self.user = User(context)
-        for node in (self.bridge, self.arms, self.user):
-            self.executor.add_node(node)
-        self.spinning = SpinThread(self.executor)
+        for node in (self.arms, self.user):
+            others.add_node(node)
+        self.spinning = [SpinThread(robot), SpinThread(others)]
         self.suite.load()
         self.home = load_robot("tiago_dual").home
 
@@ -116,7 +119,8 @@ class Cell:
         return self.bridge.world
 
     def close(self) -> None:
-        self.spinning.stop()
+        for spinning in self.spinning:
+            spinning.stop()
         self.suite.close()
         for node in (self.arms, self.bridge, self.user):
             node.destroy_node()
@@ -127,13 +131,19 @@ class Cell:
             kind="table:packed", seed=seed, objects=count,
         )  # fmt: skip
         assert answer.success, answer.message
-        past = self.world.snapshot.time + 2e9  # an image of the new scene, and its TF
-        wait_for(lambda: self.world.snapshot.time > past)
+        self.let_clocks_pass()
+
+    def let_clocks_pass(self) -> None:
+        """Wait until no node takes an image from before for a later one."""
+        now = self.world.snapshot.time
+        for node in (self.suite.nodes[1], self.arms):
+            wait_for(lambda n=node: n.get_clock().now().nanoseconds > now)
 
     def detect(self) -> DetectGrasps.Response:
         return self.user.call(
             DetectGrasps, "detect_grasps",
             seed=1, scene=DetectGrasps.Request.SCENE_FRESH,
+            max_candidates=CANDIDATES, timeout=Duration(sec=int(LONG)),
         )  # fmt: skip
 
     def arm_offset(self) -> float:
@@ -154,6 +164,10 @@ def cell(domain):
     context.try_shutdown()
 
 
+def options(values: dict) -> dict:
+    return {"parameter_overrides": [Parameter(k, value=v) for k, v in values.items()]}
+
+
 def one_grasp(x, y, z) -> GraspArray:
     pose = to_pose(make_transform(DOWN, np.array([x, y, z])))
     array = GraspArray(axes=GraspArray.AXES_Z_APPROACH_Y_CLOSING)
@@ -167,11 +181,12 @@ def test_spawn_detect_and_execute_one_grasp_and_drop_it(cell):
     answer = cell.detect()
     assert answer.success, answer.report.message
     handle = cell.user.send(answer.grasps)
+    stages = cell.user.stages
     second = cell.user.send(answer.grasps)
     assert handle.accepted and not second.accepted
     result = done(handle.get_result_async()).result
     assert result.outcome == GraspOutcome.GRASPED, result.message
-    assert cell.user.stages[0] == "plan" and "lift" in cell.user.stages
+    assert stages[0] == "plan" and "lift" in stages
     assert result.final_width > 0.002
     heights = cell.world.snapshot.poses[:, 2, 3]
     assert heights.max() > heights.min() + 0.05
@@ -195,6 +210,7 @@ def test_an_object_that_moved_since_the_detection_is_stale_or_missed(cell):
             world.set_pose(body, T)
 
     cell.world.do(push).result()
+    cell.let_clocks_pass()
     handle = cell.user.send(answer.grasps)
     result = done(handle.get_result_async()).result
     assert result.outcome in (GraspOutcome.STALE, GraspOutcome.MISSED), result.message

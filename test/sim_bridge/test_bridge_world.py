@@ -10,7 +10,7 @@ from neugrasp_ros.errors import SimulationError, UnknownNameError
 from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.geometry.transform import make_transform
 from sim_bridge import bridge_world
-from sim_bridge.bridge_world import BridgeScenes, BridgeWorld
+from sim_bridge.bridge_world import LEAST_PAUSE, BridgeScenes, BridgeWorld
 
 pytestmark = pytest.mark.filterwarnings("ignore:Gimbal lock")
 
@@ -157,3 +157,48 @@ class NoEngine(BridgeWorld):
 def test_a_world_whose_engine_does_not_start_says_so():
     with pytest.raises(SimulationError, match="has ended: no engine"):
         NoEngine(load_gripper("panda"), BridgeScenes(), 0.0)
+
+
+class Steps:
+    """Counts the engine's steps of a world."""
+
+    def __init__(self, world) -> None:
+        self.count, self._step = 0, world.step
+        world.step = self.step
+
+    def step(self, count=1):
+        self.count += count
+        self._step(count)
+
+
+def test_of_a_world_at_rest_only_the_time_goes_on():
+    world = BridgeWorld(load_gripper("robotiq_2f85"), BridgeScenes(), 20.0)
+    try:
+        world.spawn("packed", 4, 2)
+        later(world, 2.0)
+        steps = Steps(world._world)
+        start = world.snapshot
+        end = later(world, 1.0)
+        assert steps.count == 0
+        np.testing.assert_array_equal(end.poses, start.poses)
+        (body, *_) = world._world.object_ids
+        T = start.poses[0].copy()
+        T[2, 3] += 0.05
+        world.do(lambda: world._world.set_pose(body, T)).result()
+        fallen = later(world, 1.0)
+        assert steps.count > 50
+        assert fallen.poses[0, 2, 3] == pytest.approx(start.poses[0, 2, 3], abs=5e-3)
+    finally:
+        world.close()
+
+
+def test_a_world_that_is_too_slow_lets_others_work(monkeypatch):
+    world = BridgeWorld(load_gripper("robotiq_2f85"), BridgeScenes(), 1000.0)
+    try:
+        monkeypatch.setattr(world, "_rests", lambda: False)
+        began, used = time.monotonic(), time.process_time()
+        time.sleep(1.0)
+        spent = time.monotonic() - began
+        assert (time.process_time() - used) / spent < 1.0 / (1.0 + LEAST_PAUSE) + 0.05
+    finally:
+        world.close()

@@ -4,7 +4,7 @@
 Stands in for ``tf2_ros``, with the same names and signatures as far as they go.
 """
 
-from bisect import bisect_left, insort
+from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from threading import RLock
@@ -26,6 +26,7 @@ from neugrasp_ros.nodes.compat.tf_message import to_transform
 
 CACHE_TIME = 10.0  # [s], as in tf2
 MAX_DEPTH = 1000  # links; a longer chain is a loop
+QUEUE = 100  # messages on /tf that may wait
 
 FloatArray = NDArray[np.float64]
 
@@ -66,6 +67,19 @@ class _Track:
     def latest(self) -> int | None:
         """Return the newest stamp [ns]; None for a static frame."""
         return None if self.static else self.samples[-1].stamp
+
+    def add(self, sample: _Sample, cache: int) -> None:
+        """Take a sample, in the place of one of its time; forget old ones [ns]."""
+        samples = self.samples
+        oldest = max([sample, *samples[-1:]]).stamp - cache
+        if sample.stamp < oldest:
+            return
+        index = bisect_left(samples, (sample.stamp,))
+        if index < len(samples) and samples[index].stamp == sample.stamp:
+            samples[index] = sample
+        else:
+            samples.insert(index, sample)
+        del samples[: bisect_left(samples, (oldest,))]
 
     def at(self, stamp: int, name: str) -> FloatArray:
         """Return ``T_parent_child`` at a time in [ns]."""
@@ -132,14 +146,7 @@ class Buffer:
         with self._lock:
             track = self._tracks.setdefault(_name(transform.child_frame_id), _Track())
             track.static = None
-            oldest = max([sample, *track.samples[-1:]]).stamp - self._cache
-            if sample.stamp >= oldest:
-                track.samples = [
-                    s
-                    for s in track.samples
-                    if s.stamp >= oldest and s.stamp != sample.stamp
-                ]
-                insort(track.samples, sample)
+            track.add(sample, self._cache)
 
     def set_transform_static(self, transform: TransformStamped, authority: str) -> None:
         """Add a transform that holds for ever."""
@@ -267,15 +274,31 @@ class TransformListener:
         self._logger = node.get_logger()
         group = ReentrantCallbackGroup()
         latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(
-            TFMessage, "/tf", self._on_tf, QoSProfile(depth=100), callback_group=group
+        self._moving = node.create_subscription(
+            TFMessage,
+            "/tf",
+            self._on_tf,
+            QoSProfile(depth=QUEUE),
+            callback_group=group,
         )
         node.create_subscription(
             TFMessage, "/tf_static", self._on_static, latched, callback_group=group
         )
 
     def _on_tf(self, message: TFMessage) -> None:
+        """Take a message, and at once all that wait behind it.
+
+        An executor takes one message in each of its turns. One whose turns are slower
+        than ``/tf`` comes would stay a whole queue behind, and everything that waits
+        for a transform with it.
+        """
         self._feed(message, self._buffer.set_transform)
+        for _ in range(QUEUE):
+            with self._moving.handle:
+                taken = self._moving.handle.take_message(TFMessage, False)
+            if taken is None:
+                return
+            self._feed(taken[0], self._buffer.set_transform)
 
     def _on_static(self, message: TFMessage) -> None:
         self._feed(message, self._buffer.set_transform_static)

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+import time
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ pytest.importorskip("tf2_msgs")
 from rclpy.node import Node  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
+from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from neugrasp_ros.geometry.transform import make_transform, translation  # noqa: E402
 from neugrasp_ros.nodes.compat.tf import frame_names, from_transform  # noqa: E402
@@ -165,3 +168,25 @@ def test_listener_hears_both_topics_and_static_ones_accumulate(spinner, wait_unt
 
     wait_until(heard, what="the moving one")
     np.testing.assert_allclose(look(buffer, "base", "arm", 1.0), turned(0.1, 1.0))
+
+
+@pytest.mark.ros
+def test_a_listener_that_is_slow_does_not_fall_a_queue_behind(spinner, wait_until):
+    talker, slow = spinner.add(Node("talker")), Node("slow")
+    moving, buffer = TransformBroadcaster(talker), Buffer()
+    listener = TransformListener(buffer, slow)
+    wait_until(lambda: slow.count_publishers("/tf"), what="the talker")
+    wait_until(lambda: talker.count_subscribers("/tf"), what="the listener")
+    for second in range(1, 31):
+        moving.sendTransform(to_transform(turned(0.0), "base", "arm", second * SECOND))
+    time.sleep(0.5)  # all of them have come by then, and none was taken
+    listener._on_tf(TFMessage())  # the executor's one turn
+    look(buffer, "base", "arm", 30.0)
+    slow.destroy_node()
+
+
+def test_a_transform_of_the_same_time_takes_the_place_of_the_other():
+    buffer = filled()
+    buffer.set_transform(to_transform(turned(0.0, 7.0), "base", "arm", 2 * SECOND), "")
+    np.testing.assert_allclose(look(buffer, "base", "arm", 2.0), turned(0.0, 7.0))
+    np.testing.assert_allclose(look(buffer, "base", "arm", 3.0), turned(0.6, 3.0))
