@@ -24,7 +24,11 @@ for group in "$@"; do
             check "mypy" .venv/bin/mypy
             check "import contracts" .venv/bin/lint-imports
             ;;
-        library) check "library tests" .venv/bin/python -m pytest -m "not ros" ;;
+        library)
+            # As many processes as cores, up to 4; each with one thread of its own.
+            check "library tests" env OMP_NUM_THREADS=1 .venv/bin/python -m pytest \
+                -m "not ros" --numprocesses auto --maxprocesses 4 --dist worksteal
+            ;;
         ros) check "ROS tests" .venv/bin/python -m pytest -m ros ;;
         *) check "$group: lint, library or ros" false ;;
     esac

@@ -36,6 +36,16 @@ def add_parser(
         help="label only what geometry tells, above all the parts between the jaws: "
         "many scenes of affordance objects at a low price",
     )  # fmt: skip
+    parser.add_argument(
+        "--trials", type=int, default=30, help="grasps a scene that may be tried"
+    )
+    parser.add_argument(
+        "--chosen", action="store_true",
+        help="label the grasps that the network itself would choose in a random view",
+    )  # fmt: skip
+    parser.add_argument(
+        "--weights", default="", help="of that network; default the shipped ones"
+    )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument(
         "--engine", nargs="+", default=["local"], metavar=("local|dask", "ADDRESS")
@@ -45,9 +55,11 @@ def add_parser(
 
 def run(args: argparse.Namespace) -> int:
     """Run the factory; return 1 if scenes were skipped."""
+    from neugrasp_ros.datagen.candidates import CandidateConfig
     from neugrasp_ros.datagen.factory import Progress, run_factory
     from neugrasp_ros.datagen.jobs import RunPlan
     from neugrasp_ros.errors import ConfigError
+    from neugrasp_ros.model import default_weights
 
     engine, *address = args.engine
     if engine not in ("local", "dask") or len(address) != (engine == "dask"):
@@ -62,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         split=args.split,
         physics=not args.no_physics,
+        candidates=CandidateConfig(n_trials=args.trials),
+        weights=(args.weights or str(default_weights())) if args.chosen else "",
     )
     said = 0.0
 

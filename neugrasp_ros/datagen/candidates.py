@@ -24,7 +24,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-SOURCES = ("sampler", "antipodal", "jitter", "near_miss")
+SOURCES = ("sampler", "antipodal", "jitter", "near_miss", "chosen")
+DRAWN = SOURCES[:4]  # the others are chosen by a network, see ``chosen``
 SIDE_COSINE = 0.5  # an approach more than 60 degrees from straight down is a side grasp
 
 
@@ -35,7 +36,7 @@ class CandidateConfig:
     Attributes:
         n_trials: Grasps meant for the physics.
         n_collisions: Grasps whose pre-grasp already collides: labelled, not tried.
-        shares: Of ``SOURCES`` among ``n_trials``, adding up to 1.
+        shares: Of ``DRAWN`` among ``n_trials``, adding up to 1.
         side_share: Least share of side grasps that is asked for in each source.
         n_points: Surface points drawn.
         max_approach_z: Greatest z of the approach direction [-]: a little from below,

@@ -179,9 +179,9 @@ def _check_plan(plan: RunPlan, folder: Path) -> None:
     if path.is_file():
         before = json.loads(path.read_text())
         changed = {
-            key: (before.get(key), value)
+            key: (before[key], value)
             for key, value in record.items()
-            if key != "n_scenes" and before.get(key) != value
+            if key in before and key != "n_scenes" and before[key] != value
         }
         if changed:
             raise ConfigError(f"{folder} was begun with another plan: {changed}")

@@ -37,6 +37,8 @@ class RunPlan:
         physics: Try the grasps. Without it only geometry is labelled: which grasps
             collide at once, and which parts lie between the jaws.
         candidates: Numbers and kinds of grasps a scene.
+        weights: Weights file of the network that chooses the grasps; empty draws them
+            on the true surface.
     """
 
     objects: tuple[str, ...]
@@ -48,6 +50,7 @@ class RunPlan:
     shake_share: float = 0.125
     physics: bool = True
     candidates: CandidateConfig = field(default_factory=CandidateConfig)
+    weights: str = ""
 
     def __post_init__(self) -> None:
         """Check that every kind of scene has objects.
@@ -98,6 +101,7 @@ class RunPlan:
             gripper=_by_share(self.grippers(), u[2]),
             preset=self._preset(u[3]),
             candidates=self.candidates,
+            weights=self.weights,
         )
 
     def _preset(self, u: float) -> str:

@@ -17,6 +17,7 @@ from neugrasp_ros.datagen.candidates import (
     draw_candidates,
     is_side,
 )
+from neugrasp_ros.datagen.chosen import look_and_choose
 from neugrasp_ros.errors import ShapeError, SimulationError
 from neugrasp_ros.geometry.gripper import Gripper, load_gripper, varied_gripper
 from neugrasp_ros.geometry.raycast import MeshScene
@@ -52,6 +53,8 @@ class SceneJob:
         gripper: Gripper, by name or file, or ``VARIED``.
         preset: Trial preset of ``sim_bridge.trial``, or ``WITHOUT_PHYSICS``.
         candidates: Numbers and kinds of grasps.
+        weights: Weights file of the network that chooses the grasps in one view;
+            empty draws them on the true surface.
     """
 
     index: int
@@ -62,6 +65,7 @@ class SceneJob:
     gripper: str
     preset: str = "fast_shake"
     candidates: CandidateConfig = field(default_factory=CandidateConfig)
+    weights: str = ""
 
     def describe(self) -> str:
         """Return what names the job in a log."""
@@ -152,12 +156,15 @@ class SceneLabels:
         scene: The recipe; its objects are where they were before each trial.
         gripper: The gripper.
         grasps: The labelled grasps.
+        T_task_camera: From where a network looked that chose the grasps, shape
+            (4, 4); None where they were drawn on the true surface.
     """
 
     index: int
     scene: Scene
     gripper: Gripper
     grasps: GraspLabels
+    T_task_camera: FloatArray | None = None
 
 
 def label_scene(
@@ -171,6 +178,7 @@ def label_scene(
 
     Raises:
         SimulationError: If no object stayed in the scene.
+        EmptySceneError: If a network is to choose and finds nothing.
         NeuGraspError: If a name is unknown or a file broken.
     """
     rng = np.random.default_rng([job.seed, job.index])
@@ -187,8 +195,14 @@ def label_scene(
         if not scene.objects:
             raise SimulationError(f"{job.describe()}: no object stayed on the table")
         known = {objects.name: objects}
-        meshes = MeshScene(*scene_meshes(scene, known))
-        drawn = draw_candidates(meshes, gripper, TABLE_HEIGHT, job.candidates, rng)
+        camera = None
+        if job.weights:
+            drawn, camera = look_and_choose(
+                world, gripper, job.weights, job.candidates.n_trials, rng
+            )
+        else:
+            meshes = MeshScene(*scene_meshes(scene, known))
+            drawn = draw_candidates(meshes, gripper, TABLE_HEIGHT, job.candidates, rng)
         columns = _try_all(world, gripper, drawn, job)
     columns["affordances"] = label_grasps(
         [placed_model(placed, known) for placed in scene.objects],
@@ -197,7 +211,7 @@ def label_scene(
         drawn.openings,
         rng,
     ).astype(np.uint8)
-    return SceneLabels(job.index, scene, gripper, GraspLabels(**columns))
+    return SceneLabels(job.index, scene, gripper, GraspLabels(**columns), camera)
 
 
 def _try_all(

@@ -91,6 +91,10 @@ def _columns(scenes: Sequence[SceneLabels]) -> Columns:
         "object_position": positions,
         "object_quaternion": quaternions,
     }
+    nowhere = np.full((4, 4), np.nan)
+    columns["scene_camera"] = np.array(
+        [nowhere if s.T_task_camera is None else s.T_task_camera for s in scenes]
+    )
     for name in GRASP_FIELDS:
         columns[name] = np.concatenate([getattr(s.grasps, name) for s in scenes])
     return columns
@@ -143,10 +147,17 @@ def read_shard(path: str | Path) -> list[SceneLabels]:
         gripper = gripper_from(
             json.loads(str(columns["scene_gripper"][row])), str(path)
         )
-        scenes.append(
-            SceneLabels(int(index), Scene(kind, seed, placed), gripper, grasps)
-        )
+        scene = Scene(kind, seed, placed)
+        camera = _camera(columns, row)
+        scenes.append(SceneLabels(int(index), scene, gripper, grasps, camera))
     return scenes
+
+
+def _camera(columns: Columns, row: int) -> NDArray[np.float64] | None:
+    """Return from where a scene was looked at; older shards do not know it."""
+    if "scene_camera" not in columns or np.isnan(columns["scene_camera"][row]).any():
+        return None
+    return np.asarray(columns["scene_camera"][row])
 
 
 def load_shards(folder: str | Path) -> Iterator[SceneLabels]:

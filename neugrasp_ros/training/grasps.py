@@ -94,6 +94,7 @@ def view_grasps(
     rng: np.random.Generator,
     *,
     views: ViewRange | None = None,
+    camera: NDArray[np.float64] | None = None,
     threads: int = 1,
 ) -> GraspEntry | None:
     """Look at a labelled scene once, as the network at work does.
@@ -103,13 +104,14 @@ def view_grasps(
         network: Gives the occupancy field that local surfaces are rendered from.
         rng: Draws the view, its noise, and the local occupancy points.
         views: From where, and with which noise.
+        camera: Pose ``T_task_camera`` to look from instead, shape (4, 4).
         threads: Worker threads.
 
     Returns:
         None if no grasp meets a surface that the network has completed.
     """
     views = views or ViewRange()
-    camera = random_camera(views, rng)
+    camera = random_camera(views, rng) if camera is None else camera
     distances = render_volume(table_scene(labels.scene), camera, views, rng)
     channels = torch.from_numpy(volume_channels(distances))[None]
     planes = network.encode(channels)
@@ -302,7 +304,8 @@ def _look_at(
         if path.exists():
             continue
         rng = np.random.default_rng([seed, labels.index, view])
-        entry = view_grasps(labels, network, rng)
+        camera = labels.T_task_camera if view == 0 else None
+        entry = view_grasps(labels, network, rng, camera=camera)
         if entry is not None:
             save_grasps(entry, path)
             added += 1

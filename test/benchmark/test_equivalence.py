@@ -37,6 +37,7 @@ def shot() -> Shot:
     return Shot(depth, pixels, camera, (0.3, 0.3, 0.3), CENTER[None])
 
 
+@pytest.mark.slow
 def test_rays_and_scores_agree_with_the_reference(shot, tmp_path):
     path = tmp_path / "diamond.safetensors"
     save_network(diamond_network(NETWORK, CENTER, RADIUS), path)

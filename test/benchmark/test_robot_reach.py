@@ -40,6 +40,7 @@ def test_a_drawn_scene_stands_on_the_table():
     assert scene.points[:, 2].min() >= 0.70 - 1e-9
 
 
+@pytest.mark.slow
 def test_what_is_told_to_be_reachable_is_true_and_nearly_complete(robot):
     found = measure(robot, sets=1, slow_sets=1, seed=3)
     truth = found["truth"]

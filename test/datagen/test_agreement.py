@@ -3,6 +3,7 @@ import dataclasses
 from collections import Counter
 
 import numpy as np
+import pytest
 from label_work import labels_of
 
 from neugrasp_ros.datagen.agreement import (
@@ -42,6 +43,7 @@ def test_differences_are_counted_by_their_kind():
     assert counts["all"]["agree"] == 4
 
 
+@pytest.mark.slow
 def test_labels_are_mostly_the_full_executions():
     job = SceneJob(
         index=0, seed=3, kind="packed", objects="procedural", split="train",

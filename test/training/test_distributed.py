@@ -5,9 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = Path(__file__).with_name("two_processes.py")
 
 
+@pytest.mark.slow
 def test_two_processes_start_alike_draw_apart_and_end_alike(tmp_path):
     root = Path(__file__).parents[2]
     environment = os.environ | {

@@ -123,6 +123,7 @@ def test_a_step_can_be_repeated(folder):
     assert stage(7)["occupancy"] != stage(8)["occupancy"]
 
 
+@pytest.mark.slow
 def test_a_tiny_network_overfits_four_scenes(folder, tmp_path):
     torch.manual_seed(0)
     network, cache = SceneNetwork(NETWORK), SceneCache(folder)
