@@ -6,6 +6,7 @@ import pytest
 from neugrasp_ros.cli import datagen
 from neugrasp_ros.datagen import factory
 from neugrasp_ros.errors import ConfigError
+from neugrasp_ros.model import default_weights
 
 
 def parse(*words):
@@ -48,6 +49,16 @@ def test_words_become_a_plan(calls, capsys):
     assert folder == "d"
     assert (kwargs["n_workers"], kwargs["dask_address"]) == (3, None)
     assert "7/7 scenes" in capsys.readouterr().out
+
+
+def test_a_network_chooses_only_when_asked(calls):
+    for words in (("--trials", "9"), ("--chosen",), ("--chosen", "--weights", "w")):
+        args = parse("--out", "d", *words)
+        assert args.run(args) == 0
+    drawn, shipped, given = (plan for plan, _, _ in calls)
+    assert (drawn.weights, drawn.candidates.n_trials) == ("", 9)
+    assert shipped.weights == str(default_weights())
+    assert given.weights == "w"
 
 
 def test_lost_scenes_are_named_and_change_the_exit_code(calls, capsys):

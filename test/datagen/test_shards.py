@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from label_work import labels_of
@@ -35,6 +37,20 @@ def test_what_is_written_is_read(tmp_path):
     for one, other in zip(scenes, load_shards(tmp_path), strict=True):
         same(one, other)
     assert done_indices(tmp_path) == {3, 5, 8}
+
+
+def test_the_view_of_a_scene_is_kept_and_older_shards_have_none(tmp_path):
+    path = tmp_path / "shard_000000.npz"
+    camera = np.eye(4)
+    camera[:3, 3] = [0.1, 0.2, 0.7]
+    write_shard(path, [replace(labels_of(3), T_task_camera=camera), labels_of(4)])
+    with_view, without = read_shard(path)
+    np.testing.assert_array_equal(with_view.T_task_camera, camera)
+    assert without.T_task_camera is None
+    with np.load(path) as file:
+        older = {name: file[name] for name in file.files if name != "scene_camera"}
+    np.savez(path, **older)
+    assert read_shard(path)[0].T_task_camera is None
 
 
 def test_a_scene_takes_about_two_kilobytes(tmp_path):

@@ -11,7 +11,7 @@ from labelled import ASTRAY, CENTER, SIDE, TOP, labels_of
 
 from neugrasp_ros.errors import ShardError
 from neugrasp_ros.geometry.mesh import box_mesh
-from neugrasp_ros.geometry.transform import translation
+from neugrasp_ros.geometry.transform import look_at, translation
 from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
 from neugrasp_ros.training import views
 from neugrasp_ros.training.cache import POINT_SCALE, render_entry
@@ -25,11 +25,19 @@ from neugrasp_ros.training.grasps import (
     save_grasps,
     view_grasps,
 )
-from neugrasp_ros.training.views import EDGE, ViewRange
+from neugrasp_ros.training.views import (
+    EDGE,
+    ViewRange,
+    dequantise,
+    quantise,
+    render_volume,
+    table_scene,
+)
 from sim_bridge.objects.grasp_labels import scene_class_points
 from sim_bridge.scene import PlacedObject, Scene, SceneMeshes, placed_model
 
 HALF = np.full(3, 0.025)
+NO_NOISE = ViewRange(noise=(1.0, 0.0, 0.0))
 FROM_ABOVE = ViewRange(polar=(0.2, 0.4), noise=(1.0, 0.0, 0.0))
 
 
@@ -162,6 +170,19 @@ def test_a_killed_run_goes_on_and_seeds_decide_what_is_seen(
             a, b = load_grasps(tmp_path / "a" / name), load_grasps(other / name)
             np.testing.assert_array_equal(a.volume, b.volume)
             np.testing.assert_array_equal(a.point_features, b.point_features)
+
+
+def test_the_view_in_which_grasps_were_chosen_is_seen_first(network, tmp_path):
+    camera = look_at(np.array([0.15, 0.6, 0.4]), np.array([0.15, 0.15, 0.0]))
+    scene = replace(labels_of(TOP, SIDE), T_task_camera=camera)
+    assert cache_grasps([scene], network, tmp_path, n_views=2, seed=5) == 2
+    volumes = [load_grasps(tmp_path / f"0000000_{n}.npz").volume for n in (0, 1)]
+    seen = dequantise(
+        quantise(render_volume(table_scene(scene.scene), camera, NO_NOISE,
+                               np.random.default_rng(0)))
+    )  # fmt: skip
+    wrong = [np.isnan(dequantise(v)) != np.isnan(seen) for v in volumes]
+    assert wrong[0].mean() < 0.02 < wrong[1].mean()
 
 
 def test_a_scene_is_rendered_for_the_first_stage():
