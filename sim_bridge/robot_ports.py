@@ -71,18 +71,19 @@ class ControllerPort:
         """End the action."""
         self._action.destroy()
 
-    def _start(self, message: JointTrajectory) -> float:
-        """Have the drive follow a trajectory; return its length in [s]."""
+    def _start(self, message: JointTrajectory) -> tuple[int, float]:
+        """Have the drive follow a trajectory; return its number and its end in [s]."""
         points = from_joint_trajectory(message, self._joints)
 
-        def begin() -> float:
-            drive = self._world.drives[self._name]
+        def begin() -> tuple[int, float]:
+            drive, now = self._world.drives[self._name], self._world.now
             track = drive.read(*points)
-            drive.start(track, self._world.now)
-            return track.duration
+            drive.start(track, now)
+            self._turn += 1  # in the physics thread, as the start itself
+            return self._turn, now + track.duration
 
-        self._turn += 1
-        return float(self._world.do(begin).result())
+        turn, end = self._world.do(begin).result()
+        return turn, end
 
     def _on_message(self, message: JointTrajectory) -> None:
         self._start(message)
@@ -97,11 +98,11 @@ class ControllerPort:
 
     def _on_execute(self, goal: Any) -> FollowJointTrajectory.Result:
         try:
-            seconds = self._start(goal.request.trajectory)
+            turn, end = self._start(goal.request.trajectory)
         except NeuGraspError as error:
             goal.abort()
             return _Result(error_code=_Result.INVALID_GOAL, error_string=str(error))
-        return self._wait(goal, self._turn, self._world.now + seconds)
+        return self._wait(goal, turn, end)
 
     def _wait(self, goal: Any, turn: int, end: float) -> FollowJointTrajectory.Result:
         """Return what came of the trajectory that runs."""

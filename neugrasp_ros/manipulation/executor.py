@@ -13,13 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
+from neugrasp_ros.manipulation.closing import least_opening
 from neugrasp_ros.manipulation.mover import ArmMover, PlannedGrasp, Surroundings
 from neugrasp_ros.manipulation.settings import ExecutorConfig
 from neugrasp_ros.motion.limits import Trajectory
+from neugrasp_ros.robot.attachment import CarriedBox, carried_box
+from neugrasp_ros.robot.reachability import Reach
 
 FloatArray = NDArray[np.float64]
 Report = Callable[[str, float], None]
 """Told the stage, and the share done 0..1."""
+
+RAISES = (1.0, 0.5)  # shares of the way up that are tried
 
 _log = logging.getLogger(__name__)
 
@@ -82,10 +87,17 @@ class Hardware(Protocol):
 
 
 class Held(NamedTuple):
-    """What a hand holds: the arm, and where it was taken from."""
+    """What a hand holds.
+
+    Attributes:
+        arm: Planning group of the hand.
+        T_base_gripper: Where it was taken from, shape (4, 4).
+        box: Its box, None where too little of it was seen.
+    """
 
     arm: str
     T_base_gripper: FloatArray
+    box: CarriedBox | None = None
 
 
 class GraspExecutor:
@@ -147,34 +159,57 @@ class GraspExecutor:
         """
         if self.held is None:
             raise MotionError("no hand holds anything")
-        arm, T = self.held
+        arm, T, box = self.held
         around = self._hardware.surroundings().without(
             T[:3, 3], self._mover.config.held_radius
         )
+        if box is not None:  # it is seen in the hand by now
+            q = self._hardware.configuration()
+            around = around.without_box(self._mover.hand_pose(q, arm), box)
         report("carry", 0.0)
         try:
-            self._carry(arm, around)
+            self._hardware.follow(arm, self._way_to_box(arm, around, box))
         except MotionError as error:
             _log.info("what %s holds got stuck (%s): again from above", arm, error)
             self._raise(arm)
-            self._carry(arm, around)
+            self._carry(arm, around, box)
         report("release", 0.6)
         self._open(arm)
         self.held = None
         report("home", 0.7)
         self.go_home(arm, around)
 
-    def _carry(self, arm: str, around: Surroundings) -> None:
-        """Move until the hand hangs over its arm's box."""
+    def _way_to_box(
+        self, arm: str, around: Surroundings, box: CarriedBox | None
+    ) -> Trajectory:
+        """Plan until the hand hangs over its arm's box."""
         q = self._hardware.configuration()
         point = np.array(self._config.drop_point(arm))
-        self._hardware.follow(arm, self._mover.plan_drop(q, arm, point, around))
+        return self._mover.plan_drop(q, arm, point, around, box)
+
+    def _carry(self, arm: str, around: Surroundings, box: CarriedBox | None) -> None:
+        """Move over the box; where what is held leaves no way, as if it were not."""
+        try:
+            way = self._way_to_box(arm, around, box)
+        except MotionError as error:
+            if box is None:
+                raise
+            _log.info("no way for what %s holds (%s): trying without it", arm, error)
+            way = self._way_to_box(arm, around, None)
+        self._hardware.follow(arm, way)
 
     def _raise(self, arm: str) -> None:
-        """Move the hand straight up, out of a place that is too narrow."""
-        up = np.array([0.0, 0.0, self._config.back_out])
+        """Move the hand straight up, as far as the arm can, out of a narrow place."""
         q = self._hardware.configuration()
-        self._hardware.follow(arm, self._mover.plan_shift(q, arm, up))
+        for share in RAISES:
+            up = np.array([0.0, 0.0, share * self._config.back_out])
+            try:
+                shift = self._mover.plan_shift(q, arm, up)
+            except MotionError as error:
+                _log.info("%s cannot rise by %.2f m: %s", arm, up[2], error)
+                continue
+            self._hardware.follow(arm, shift)
+            return
 
     def go_home(self, arm: str, around: Surroundings | None = None) -> None:
         """Return to the resting posture; where that is not possible, back out first.
@@ -211,6 +246,7 @@ class GraspExecutor:
             hardware.configuration(), T_base_gripper, around, arms=arms, opening=width
         )
         _log.info("planned for %s in %.0f ms", plan.arm, 1e3 * plan.seconds)
+        self._require_room(plan, around, width)
         gripper = self._gripper(plan.arm)
         report("pregrasp", 0.1)
         hardware.move_jaws(gripper, width)
@@ -221,6 +257,25 @@ class GraspExecutor:
                 GraspOutcome.STALE, "the object moved before the hand got there", width
             )
         return self._take(plan, around, lift, report)
+
+    def _require_room(
+        self, plan: PlannedGrasp, around: Surroundings, width: float
+    ) -> None:
+        """Refuse a grasp whose object would end its lift in a known box.
+
+        Raises:
+            UnreachableError: If so.
+        """
+        box = carried_box(around.points, plan.T_base_gripper, width)
+        if box is None or not around.boxes:
+            return
+        q, solid = self._hardware.configuration(), Surroundings(boxes=around.boxes)
+        end = plan.motion.lift.positions[-1]
+        bare = self._mover.is_free(q, plan.arm, end, solid)
+        if bare and not self._mover.is_free(q, plan.arm, end, solid, box):
+            raise UnreachableError(
+                int(Reach.NO_APPROACH), "the object would hit the furniture in the lift"
+            )
 
     def _take(
         self, plan: PlannedGrasp, around: Surroundings, lift: bool, report: Report
@@ -238,22 +293,32 @@ class GraspExecutor:
                 words = "the object is not where it was seen; on the approach"
             return Outcome(kind, f"{words}: {error}")
         report("close", 0.7)
-        hardware.move_jaws(gripper, 0.0)
-        if (opening := hardware.opening(gripper)) < self._config.empty_opening:
+        closed = self._least_opening(plan, around)
+        hardware.move_jaws(gripper, closed)
+        opening = hardware.opening(gripper)
+        if opening < closed + self._config.empty_opening:
             self._open(plan.arm)
             self._leave(plan, around)
             return Outcome(GraspOutcome.MISSED, "the jaws closed on nothing", opening)
-        self.held = Held(plan.arm, plan.T_base_gripper)
+        box = carried_box(around.points, plan.T_base_gripper, opening)
+        self.held = Held(plan.arm, plan.T_base_gripper, box)
         if not lift:
             return Outcome(GraspOutcome.GRASPED, "held, not lifted", opening)
         report("lift", 0.8)
         hardware.follow(plan.arm, plan.motion.lift)
+        if closed > 0.0:  # nothing is under the tips any more
+            hardware.move_jaws(gripper, 0.0)
         if (opening := hardware.opening(gripper)) < self._config.empty_opening:
             self.held = None
             self._open(plan.arm)
             self.go_home(plan.arm, around)
             return Outcome(GraspOutcome.SLIPPED, "lost in the lift", opening)
         return Outcome(GraspOutcome.GRASPED, f"lifted with {plan.arm}", opening)
+
+    def _least_opening(self, plan: PlannedGrasp, around: Surroundings) -> float:
+        """Return how far the jaws may close before their tips press on something."""
+        gripper = self._mover.robot.grippers[self._gripper(plan.arm)]
+        return least_opening(gripper, plan.T_base_gripper, around.boxes)
 
     def _leave(self, plan: PlannedGrasp, around: Surroundings) -> None:
         """Up and home with empty jaws."""

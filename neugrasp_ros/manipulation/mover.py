@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import MotionError, UnreachableError
-from neugrasp_ros.geometry.transform import make_transform
+from neugrasp_ros.geometry.transform import apply, invert, make_transform
 from neugrasp_ros.manipulation.settings import MoverConfig
 from neugrasp_ros.motion.cartesian import line_poses, move_straight
 from neugrasp_ros.motion.grasp_motion import GraspMotion, plan_grasp
 from neugrasp_ros.motion.limits import Trajectory
 from neugrasp_ros.motion.planner import TransitConfig, TransitPlanner
+from neugrasp_ros.robot.attachment import CarriedBox, LoadedChecker
 from neugrasp_ros.robot.collision import CollisionChecker
 from neugrasp_ros.robot.contact import FREE
 from neugrasp_ros.robot.model import JointLimits, gripper_from_tcp
@@ -29,6 +30,7 @@ from neugrasp_ros.robot.reachability import Reach, ReachabilityChecker
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+OWN_MARGIN = 0.02  # [m]; seen points so near to what is carried are its own
 JERK_SHARE = 0.7  # a controller's polynomial between two points needs the rest
 DROP_YAWS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # [rad]
 DROP_TILTS = (0.0, 0.4)  # [rad]; of the hand, which need not hang straight down
@@ -57,6 +59,14 @@ class Surroundings:
         """Return the same without the points in a ball, whose object was taken."""
         far = np.linalg.norm(self.points - center, axis=1) > radius
         return replace(self, points=self.points[far])
+
+    def without_box(
+        self, T_base_gripper: FloatArray, box: CarriedBox
+    ) -> "Surroundings":
+        """Return the same without the points of what a hand (4, 4) carries."""
+        local = apply(invert(T_base_gripper), self.points)
+        own = np.abs(local - box.center) < box.size / 2 + OWN_MARGIN
+        return replace(self, points=self.points[~own.all(axis=1)])
 
 
 class PlannedGrasp(NamedTuple):
@@ -161,7 +171,12 @@ class ArmMover:
         return PlannedGrasp(arm, motion, grasp, time.perf_counter() - begin)
 
     def plan_to(
-        self, q: FloatArray, group: str, goal: FloatArray, around: Surroundings
+        self,
+        q: FloatArray,
+        group: str,
+        goal: FloatArray,
+        around: Surroundings,
+        carried: CarriedBox | None = None,
     ) -> Trajectory:
         """Plan through free space.
 
@@ -170,11 +185,12 @@ class ArmMover:
             group: Planning group that moves.
             goal: Its joint values, shape (n,).
             around: The scene.
+            carried: What the group's hand carries, if anything.
 
         Raises:
             MotionError: If an end is in collision or no way was found in time.
         """
-        planner = self._planner(group, q, around, goal)
+        planner = self._planner(group, q, around, goal, carried)
         start = self._inside(q[self.robot.group_indices(group)], group)
         return planner.move(start, goal, step=self.config.sample_step)
 
@@ -188,7 +204,12 @@ class ArmMover:
         return self.plan_to(q, arm, goal, around)
 
     def plan_drop(
-        self, q: FloatArray, arm: str, point_base: FloatArray, around: Surroundings
+        self,
+        q: FloatArray,
+        arm: str,
+        point_base: FloatArray,
+        around: Surroundings,
+        carried: CarriedBox | None = None,
     ) -> Trajectory:
         """Plan until the hand hangs over a point.
 
@@ -197,21 +218,22 @@ class ArmMover:
             arm: Planning group that moves.
             point_base: Where the TCP goes in [m], shape (3,).
             around: The scene.
+            carried: What the hand carries, if anything.
 
         Raises:
             UnreachableError: If the arm does not reach the point.
             MotionError: As ``plan_to``.
         """
-        goals = self._hanging(q, arm, point_base, around)
+        goals = self._hanging(q, arm, point_base, around, carried)
         if not len(goals):
             where = np.round(point_base, 3).tolist()
             raise UnreachableError(int(Reach.NO_IK), f"{arm} cannot hang over {where}")
         for goal in goals[:-1]:
             try:
-                return self.plan_to(q, arm, goal, around)
+                return self.plan_to(q, arm, goal, around, carried)
             except MotionError:
                 continue
-        return self.plan_to(q, arm, goals[-1], around)
+        return self.plan_to(q, arm, goals[-1], around, carried)
 
     def plan_shift(self, q: FloatArray, arm: str, shift_base: FloatArray) -> Trajectory:
         """Plan a straight shift of the hand without a look at the scene.
@@ -240,8 +262,30 @@ class ArmMover:
         names = self.robot.description.groups[arm].joints
         return move_straight(own, poses, follow, self.limits(arm), names)
 
+    def hand_pose(self, q: FloatArray, arm: str) -> FloatArray:
+        """Return ``T_base_gripper`` of an arm's hand in a configuration, (4, 4)."""
+        kinematics = self.checker.arms[arm]
+        return np.asarray(kinematics.forward(q[kinematics.indices])[0])
+
+    def is_free(
+        self,
+        q: FloatArray,
+        arm: str,
+        posture: FloatArray,
+        around: Surroundings,
+        carried: CarriedBox | None = None,
+    ) -> bool:
+        """Tell whether an arm, and what it carries, hit nothing in a posture (n,)."""
+        checker = _loaded(self.checker.collisions, arm, carried)
+        return bool(_FreeCheck(checker, arm, q, around)(posture[None])[0])
+
     def _hanging(
-        self, q: FloatArray, arm: str, point_base: FloatArray, around: Surroundings
+        self,
+        q: FloatArray,
+        arm: str,
+        point_base: FloatArray,
+        around: Surroundings,
+        carried: CarriedBox | None,
     ) -> FloatArray:
         """Return free postures over a point, the quickest first, shape (K, n)."""
         poses = gripper_from_tcp(np.array([_hang(point_base, y, t)
@@ -250,8 +294,8 @@ class ArmMover:
         near = q[kinematics.indices]
         found = kinematics.solve(poses, near=near)
         goals = found.q[found.reached]
-        free = self._free_check(self._roomy, arm, q, around)(goals)
-        goals = goals[free]
+        roomy = _loaded(self._roomy, arm, carried)
+        goals = goals[_FreeCheck(roomy, arm, q, around)(goals)]
         seconds = np.max(np.abs(goals - near) / self.limits(arm).velocity, axis=1)
         return np.asarray(goals[np.argsort(seconds)])
 
@@ -261,14 +305,21 @@ class ArmMover:
         return np.asarray(np.clip(values, own.lower, own.upper))
 
     def _planner(
-        self, group: str, q: FloatArray, around: Surroundings, goal: FloatArray
+        self,
+        group: str,
+        q: FloatArray,
+        around: Surroundings,
+        goal: FloatArray,
+        carried: CarriedBox | None = None,
     ) -> TransitPlanner:
         """Return a planner that keeps clear, or as clear as its two ends allow."""
         config = self.config
-        is_free = self._free_check(self._roomy, group, q, around)
+        roomy = _loaded(self._roomy, group, carried)
+        is_free = _FreeCheck(roomy, group, q, around)
         start = self._inside(q[self.robot.group_indices(group)], group)
         if not is_free(np.stack([start, goal])).all():
-            is_free = self._free_check(self.checker.collisions, group, q, around)
+            tight = _loaded(self.checker.collisions, group, carried)
+            is_free = _FreeCheck(tight, group, q, around)
         settings = TransitConfig(
             timeout=config.timeout,
             check_step=config.check_step,
@@ -277,14 +328,12 @@ class ArmMover:
         names = self.robot.description.groups[group].joints
         return TransitPlanner(self.limits(group), names, is_free, settings)
 
-    def _free_check(
-        self,
-        checker: CollisionChecker,
-        group: str,
-        q: FloatArray,
-        around: Surroundings,
-    ) -> "_FreeCheck":
-        return _FreeCheck(checker, group, q, around)
+
+def _loaded(
+    checker: CollisionChecker, arm: str, carried: CarriedBox | None
+) -> CollisionChecker:
+    """Return a checker that knows what the hand carries."""
+    return checker if carried is None else LoadedChecker(checker, arm, carried)
 
 
 class _FreeCheck:

@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
-from neugrasp_ros.manipulation.executor import GraspExecutor, GraspOutcome
+from neugrasp_ros.geometry.gripper import load_gripper
+from neugrasp_ros.geometry.transform import translation
+from neugrasp_ros.manipulation.closing import least_opening
+from neugrasp_ros.manipulation.executor import GraspExecutor, GraspOutcome, Held
 from neugrasp_ros.manipulation.mover import PlannedGrasp, Surroundings
 from neugrasp_ros.motion.grasp_motion import GraspMotion
+from neugrasp_ros.robot.attachment import CarriedBox
+from neugrasp_ros.robot.obstacles import SolidBox
 
 ARM = "arm_left_torso"
 GRASP = np.eye(4)
@@ -48,11 +53,16 @@ class Mover:
         grippers={"left": SimpleNamespace(max_opening=0.085)},
     )
     way_home = True
+    way_with_box = True
+    headroom = 1.0  # [m]
 
     def plan_grasp(self, q, T, around, *, arms, opening):
         if not arms:
             raise UnreachableError(2, "no arm posture brings the hand there")
         return PlannedGrasp(arms[0], GraspMotion("transit", "approach", "lift"), T, 0.1)
+
+    def hand_pose(self, q, arm):
+        return np.eye(4)
 
     def plan_home(self, q, arm, around):
         if not self.way_home:
@@ -60,10 +70,14 @@ class Mover:
             raise MotionError("the start is in collision")
         return "home"
 
-    def plan_drop(self, q, arm, point, around):
-        return "drop"
+    def plan_drop(self, q, arm, point, around, carried=None):
+        if carried is not None and not self.way_with_box:
+            raise MotionError("the start is in collision")
+        return "drop" if carried is None else "careful drop"
 
     def plan_shift(self, q, arm, shift):
+        if shift[2] > self.headroom:
+            raise MotionError("the arm follows the line for 8 of 10 poses")
         return "shift"
 
 
@@ -192,3 +206,65 @@ def test_with_no_way_home_the_hand_moves_up_first():
     mover.way_home = False
     GraspExecutor(mover, hardware).go_home(ARM)
     assert hardware.done == ["shift", "home"]
+
+
+BOX = CarriedBox(np.zeros(3), np.full(3, 0.05))
+
+
+def test_what_is_carried_keeps_clear_on_the_way_to_the_box():
+    hardware = Hardware()
+    executor = GraspExecutor(Mover(), hardware)
+    executor.held = Held(ARM, GRASP, BOX)
+    executor.drop()
+    assert hardware.done == ["careful drop", "jaws 0.085", "home"]
+
+
+def test_a_carried_object_that_leaves_no_way_is_raised_and_then_ventured():
+    hardware, mover = Hardware(), Mover()
+    mover.way_with_box = False
+    executor = GraspExecutor(mover, hardware)
+    executor.held = Held(ARM, GRASP, BOX)
+    executor.drop()
+    assert hardware.done == ["shift", "drop", "jaws 0.085", "home"]
+
+
+class LowMover(Mover):
+    """Grasps 5 mm over a table, where the tips of a closing 2F-85 would press."""
+
+    robot = SimpleNamespace(
+        description=SimpleNamespace(groups={ARM: SimpleNamespace(gripper="left")}),
+        grippers={"left": load_gripper("robotiq_2f85")},
+    )
+
+
+TABLE = SolidBox(translation(0.0, 0.0, 0.0), np.array([1.0, 1.0, 0.02]))
+
+
+@pytest.mark.parametrize(
+    ("further", "kind"), [(0.03, GraspOutcome.GRASPED), (0.0, GraspOutcome.MISSED)]
+)
+def test_over_a_table_jaws_close_as_far_as_their_tips_do_not_press(further, kind):
+    T = np.diag([1.0, -1.0, -1.0, 1.0])
+    T[2, 3] = 0.015
+    mover = LowMover()
+    least = least_opening(mover.robot.grippers["left"], T, [TABLE])
+    hardware = Hardware(openings=[least + further, 0.03])
+    hardware.surroundings = lambda: Surroundings(boxes=(TABLE,))
+    executor = GraspExecutor(mover, hardware)
+    outcome = executor.execute(T, width=0.08, arms=(ARM,))
+    assert outcome.kind is kind and least > 0.02
+    assert f"jaws {least:.3f}" in hardware.done
+    if kind is GraspOutcome.GRASPED:
+        assert hardware.done[-2:] == ["lift", "jaws 0.000"], (
+            "with all force, in the air"
+        )
+
+
+@pytest.mark.parametrize(("headroom", "rises"), [(0.06, ["shift"]), (0.04, [])])
+def test_a_hand_rises_as_far_as_its_arm_can(headroom, rises):
+    hardware, mover = Hardware(), Mover()
+    mover.way_with_box, mover.headroom = False, headroom
+    executor = GraspExecutor(mover, hardware)
+    executor.held = Held(ARM, GRASP, BOX)
+    executor.drop()
+    assert hardware.done == [*rises, "drop", "jaws 0.085", "home"]

@@ -7,6 +7,7 @@ import pytest
 from neugrasp_ros.errors import UnreachableError
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.manipulation.mover import ArmMover, Surroundings
+from neugrasp_ros.robot.attachment import CarriedBox, LoadedChecker
 from neugrasp_ros.robot.contact import FREE
 from neugrasp_ros.robot.model import load_robot
 from neugrasp_ros.robot.obstacles import SolidBox, make_obstacles
@@ -121,3 +122,30 @@ def test_points_of_a_taken_object_leave_with_it():
     points = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.5, 0, 0]])
     left = Surroundings(points).without(np.zeros(3), 0.1).points
     assert left.tolist() == [[0.5, 0, 0]]
+
+
+def test_what_is_carried_keeps_off_the_table_on_the_whole_way(mover, planned):
+    stick = CarriedBox(np.array([0.0, 0.0, 0.06]), np.array([0.10, 0.03, 0.16]))
+    q, arm = mover.robot.home.copy(), planned.arm
+    columns = mover.robot.group_indices(arm)
+    q[columns] = planned.motion.lift.positions[-1]
+    side = 1.0 if "left" in arm else -1.0
+    point = np.array([0.34, side * 0.62, 0.80])
+    drop = mover.plan_drop(q, arm, point, AROUND, stick)
+    loaded = LoadedChecker(mover.checker.collisions, arm, stick)
+    along = np.tile(q, (len(drop.times), 1))
+    along[:, columns] = drop.positions
+    codes = loaded.codes(along, arm, make_obstacles(boxes=AROUND.boxes))
+    assert (codes == FREE).all()
+    low = planned.motion.approach.positions[-1]
+    assert mover.is_free(q, arm, low, AROUND)
+    assert not mover.is_free(q, arm, low, AROUND, stick), "it stands in the table"
+
+
+def test_points_of_what_is_carried_are_no_obstacles(mover):
+    box = CarriedBox(np.array([0.0, 0.0, 0.05]), np.array([0.04, 0.04, 0.10]))
+    hand = mover.hand_pose(mover.robot.home, "arm_left_torso")
+    inside, beside = np.array([0.0, 0.0, 0.1, 1.0]), np.array([0.06, 0.0, 0.1, 1.0])
+    points = np.array([hand @ inside, hand @ beside])[:, :3]
+    left = Surroundings(points).without_box(hand, box).points
+    assert left == pytest.approx(points[1:])

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from neugrasp_ros.geometry.finger_joint import tip_advance_at
+from neugrasp_ros.geometry.gripper import load_gripper
+from neugrasp_ros.geometry.transform import translation
+from neugrasp_ros.manipulation.closing import CLEARANCE, STEPS, least_opening
+from neugrasp_ros.robot.obstacles import SolidBox
+
+HAND = load_gripper("robotiq_2f85")
+TOP = 0.70
+TABLE = SolidBox(translation(0.5, 0.0, TOP - 0.015), np.array([0.6, 0.8, 0.03]))
+
+
+def down_at(height, x=0.5):
+    T = np.diag([1.0, -1.0, -1.0, 1.0])
+    T[:3, 3] = x, 0.0, TOP + height
+    return T
+
+
+@pytest.mark.parametrize("height", [0.003, 0.006, 0.010])
+def test_the_tips_stop_a_millimetre_over_the_table(height):
+    found = least_opening(HAND, down_at(height), [TABLE])
+    step = HAND.max_opening / (STEPS - 1)
+    room = height - CLEARANCE
+    assert tip_advance_at(HAND, found) <= room
+    assert tip_advance_at(HAND, found - 1.01 * step) > room
+
+
+def test_with_room_under_the_tips_the_jaws_may_close():
+    assert least_opening(HAND, down_at(HAND.tip_advance + 0.002), [TABLE]) == 0.0
+    assert least_opening(HAND, down_at(0.003), []) == 0.0
+    assert least_opening(HAND, down_at(0.003, x=2.0), [TABLE]) == 0.0, "beside it"
+
+
+def test_jaws_that_slide_do_not_advance():
+    slide = replace(HAND, tip_advance=0.0)
+    assert least_opening(slide, down_at(0.003), [TABLE]) == 0.0
+
+
+def test_what_is_in_the_way_of_open_jaws_does_not_keep_them_open_for_ever():
+    assert least_opening(HAND, down_at(-0.005), [TABLE]) == HAND.max_opening
