@@ -24,6 +24,7 @@ from neugrasp_ros.geometry.transform import flip_gripper
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.model import file_sha256, save_network
 from neugrasp_ros.pipeline import GraspPlanner
+from neugrasp_ros.pipeline.evaluation import BATCH
 
 SIZE = 32
 CENTER, RADIUS = np.array([0.15, 0.15, 0.09]), 0.04  # [m]
@@ -291,19 +292,40 @@ def test_a_spent_budget_gives_the_best_so_far(fresh):
     whole = fresh.decide(seen_volume(), 2, seed=3)
     assert decision.budget_spent
     assert not whole.budget_spent
-    assert len(decision.grasps) == min(64, decision.sampled)
-    assert len(whole.grasps) == whole.sampled == decision.sampled > 64
+    assert 16 <= len(decision.grasps) <= BATCH  # one batch of the one thread
+    assert len(whole.grasps) == whole.sampled == decision.sampled > 2 * BATCH
     assert (np.diff(whole.grasps.quality) <= 0).all()
     assert set(whole.seconds) == {
         "encoding", "rendering", "sampling", "local_rendering", "quality"
     }  # fmt: skip
 
 
-def test_the_networks_get_the_configured_threads_only_while_they_work(weights):
+def test_two_threads_find_and_score_what_one_does(weights, fresh):
+    two = GraspPlanner(replace(fresh.config, threads=2))
+    one, other = (p.decide(seen_volume(), 1, seed=3) for p in (fresh, two))
+    assert one.sampled == other.sampled > 2 * BATCH
+    rows = [np.lexsort(d.grasps.poses[:, :3, 3].T) for d in (one, other)]
+    first, second = (d.grasps.take(r) for d, r in zip((one, other), rows, strict=True))
+    np.testing.assert_allclose(first.poses, second.poses, atol=1e-9)
+    np.testing.assert_allclose(first.quality, second.quality, atol=1e-6)
+    np.testing.assert_allclose(first.affordances, second.affordances, atol=1e-6)
+    assert first.quality.std() > 1e-4  # a network that learned nothing
+    assert other.seconds["local_rendering"] > 0
+    assert other.seconds["quality"] > 0
+
+
+def test_each_of_two_threads_has_one_batch_where_the_budget_is_spent(weights, fresh):
+    two = GraspPlanner(replace(fresh.config, threads=2))
+    decision = two.decide(seen_volume(), 1, time_budget=1e-6, seed=3)
+    assert decision.budget_spent
+    assert BATCH < len(decision.grasps) <= 2 * BATCH
+
+
+def test_networks_compute_with_one_thread_of_torch_each(weights):
     before = torch.get_num_threads()
     seen = []
     planner = planner_of(weights)
-    planner._network.scene.encoder.register_forward_hook(
+    planner._network.scene.encoder.unet.register_forward_hook(
         lambda *_: seen.append(torch.get_num_threads())
     )
     planner.encode(seen_volume(), revision=1)

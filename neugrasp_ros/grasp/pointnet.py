@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detectors: what is known about a grasp in, logits out."""
 
+from typing import Any
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
+from neugrasp_ros.grasp.pooling import run_maxima
 from neugrasp_ros.registry import Registry
 
 DETECTORS: Registry[type[nn.Module]] = Registry("detector")
@@ -40,12 +45,19 @@ class PointNet(nn.Module):
 
     def forward(self, points: Tensor) -> Tensor:
         """Pool points (G, P, F) to (G, outputs); their order does not matter."""
-        last, flat = self.layers[-1], self.layers[:-1](points.flatten(0, 1))
-        pooled: Tensor
-        if isinstance(last, nn.Linear):  # normalisation folded: the bias may wait
-            pooled = (flat @ last.weight.T).unflatten(0, points.shape[:2]).amax(dim=1)
-            return pooled + last.bias
-        pooled = last(flat).unflatten(0, points.shape[:2]).amax(dim=1)
+        flat: Tensor = self.layers(points.flatten(0, 1))
+        pooled: Tensor = flat.view(*points.shape[:2], -1).amax(dim=1)
+        return pooled
+
+    def pooled(self, points: Tensor, counts: NDArray[np.int64]) -> Tensor:
+        """Pool points (N, F), ``counts`` (G,) of each grasp, on a CPU.
+
+        The layers must have been folded, since the last one's bias is added after
+        pooling; there are no gradients.
+        """
+        last: Any = self.layers[-1]
+        values = (self.layers[:-1](points) @ last.weight.T).numpy()
+        pooled: Tensor = torch.from_numpy(run_maxima(values, counts)) + last.bias
         return pooled
 
 
@@ -82,20 +94,39 @@ class NeuGraspDetector(nn.Module):
         Returns:
             Quality logits (G,) and affordance logits (G, A).
         """
-        read = None if self.read is None else self.read(plane_features)
-        return self.score(point_features, tokens, read)
-
-    def score(
-        self, point_features: Tensor, tokens: Tensor, read: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """Score grasps whose plane features went through ``read``, shape (G, P, R)."""
         points = point_features
-        if read is not None:
-            points = torch.cat([points, read.relu()], dim=-1)
-        quality = self.quality(points, tokens)[:, 0]
+        if self.read is not None:
+            points = torch.cat([points, self.read(plane_features).relu()], dim=-1)
+        return self._decided(points, tokens, None)
+
+    @property
+    def takes_runs(self) -> bool:
+        """Whether ``score_runs`` can be asked: only of this file's point decoder."""
+        return isinstance(self.quality.points, PointNet)
+
+    def score_runs(
+        self, points: Tensor, counts: NDArray[np.int64], tokens: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Score grasps on a CPU by folded layers, as many points each as it has.
+
+        Args:
+            points: Those of all grasps, with what was read off the planes if that is
+                asked for, shape (N, F).
+            counts: Points of each grasp, shape (G,).
+            tokens: Shape (G, TOKEN_FEATURES).
+
+        Returns:
+            As ``forward``.
+        """
+        return self._decided(points, tokens, counts)
+
+    def _decided(
+        self, points: Tensor, tokens: Tensor, counts: NDArray[np.int64] | None
+    ) -> tuple[Tensor, Tensor]:
+        quality = self.quality(points, tokens, counts)[:, 0]
         if self.affordance is None:
             return quality, quality.new_zeros(len(quality), 0)
-        return quality, self.affordance(points, tokens)
+        return quality, self.affordance(points, tokens, counts)
 
 
 class _Head(nn.Module):
@@ -103,7 +134,7 @@ class _Head(nn.Module):
 
     def __init__(self, inputs: int, outputs: int, config: NetworkConfig) -> None:
         super().__init__()
-        self.points = DECODERS[config.decoder](inputs, config)
+        self.points: Any = DECODERS[config.decoder](inputs, config)
         self.token = nn.Sequential(
             nn.Linear(TOKEN_FEATURES, 64), nn.ReLU(), nn.Linear(64, 64), nn.ReLU()
         )
@@ -117,7 +148,14 @@ class _Head(nn.Module):
             nn.Linear(64, outputs),
         )
 
-    def forward(self, points: Tensor, tokens: Tensor) -> Tensor:
-        pooled = torch.cat([self.points(points).relu(), self.token(tokens)], dim=1)
-        logits: Tensor = self.decide(pooled)
+    def forward(
+        self, points: Tensor, tokens: Tensor, counts: NDArray[np.int64] | None
+    ) -> Tensor:
+        """Pool points (G, P, F), or runs of them (N, F), and decide, (G, outputs)."""
+        local = (
+            self.points(points)
+            if counts is None
+            else self.points.pooled(points, counts)
+        )
+        logits: Tensor = self.decide(torch.cat([local.relu(), self.token(tokens)], 1))
         return logits

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Local views and scores of grasps, and the memory of those that were scored."""
 
+import time
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +19,30 @@ from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.pipeline.scenes import EncodedScene
 from neugrasp_ros.pipeline.scoring import Scorer
 from neugrasp_ros.scene.reference import NetworkOccupancy
+from neugrasp_ros.scene.workers import shared
 
 FloatArray = NDArray[np.float64]
 
 KEPT_SCORES = 20_000  # grasps of a scene whose scores are kept
+BATCH = 32  # grasps that a thread scores at most between two looks at the clock
+
+
+class Scored(NamedTuple):
+    """Scores of a batch.
+
+    Attributes:
+        rows: Which grasps, shape (N,).
+        quality: Shape (N,).
+        affordances: Shape (N, A).
+        rendering: Time that the local views and all other inputs took in [s].
+        scoring: Time that the detector took in [s].
+    """
+
+    rows: NDArray[np.int64]
+    quality: FloatArray
+    affordances: FloatArray
+    rendering: float
+    scoring: float
 
 
 class Evaluator:
@@ -42,7 +64,7 @@ class Evaluator:
     ) -> None:
         self._network, self._gripper, self._config = network, gripper, config
         self._threads = threads
-        self._scorer = Scorer(network, threads)
+        self._scorer = Scorer(network)
 
     def reference(self, scene: EncodedScene) -> NetworkOccupancy:
         """Return a scene of one cube as the reference renderer asks it."""
@@ -54,6 +76,42 @@ class Evaluator:
             scene.free,
             compiled=None if literal else scene.occupancies[0],
         )
+
+    def evaluate(
+        self,
+        scene: EncodedScene,
+        grasps: GraspSet,
+        support_height: float,
+        deadline: float | None = None,
+    ) -> list[Scored]:
+        """Render local views and score, batch by batch, several at the same time.
+
+        A score does not depend on the batch, but for rounding.
+
+        Args:
+            scene: The scene.
+            grasps: The grasps, in the task frame.
+            support_height: Height of the support plane in the task frame in [m].
+            deadline: Of ``time.perf_counter()`` after which no batch is begun; the
+                first one of each thread always is.
+        """
+        self._scorer.prepare(scene)
+        n_batches = min(len(grasps), _batches(len(grasps), self._threads))
+        batches = np.array_split(np.arange(len(grasps)), max(n_batches, 1))
+
+        def run(number: int) -> Scored | None:
+            start = time.perf_counter()
+            if number >= self._threads and deadline is not None and start > deadline:
+                return None
+            batch = grasps.take(batches[number])
+            inputs = self.inputs(scene, batch, support_height)
+            rendered = time.perf_counter()
+            scores = self.score(scene, batch, inputs)
+            end = time.perf_counter()
+            return Scored(batches[number], *scores, rendered - start, end - rendered)
+
+        found = shared(run, range(n_batches), self._threads)
+        return [scored for scored in found if scored is not None]
 
     def inputs(
         self, scene: EncodedScene, grasps: GraspSet, support_height: float
@@ -87,7 +145,6 @@ class Evaluator:
             image_size=render.local_image_size,
             fov=fov,
             support_height=support_height,
-            threads=self._threads,
             views=views,
         )
         local_view = self._network.config.local_view
@@ -101,6 +158,11 @@ class Evaluator:
         quality, affordances = self._scorer(scene, inputs, cubes)
         quality[inputs.hits < MIN_HITS] = 0.0
         return quality, affordances
+
+
+def _batches(count: int, threads: int) -> int:
+    """Return into how many batches grasps are divided: equally many for each thread."""
+    return threads * -(-count // (threads * BATCH))
 
 
 @dataclass(eq=False)

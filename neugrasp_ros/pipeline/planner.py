@@ -3,7 +3,7 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from neugrasp_ros.grasp.contacts import expected_contacts
 from neugrasp_ros.grasp.sampling import Proposals, SamplerConfig, choose, propose
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.model import GraspNetwork, default_weights, file_sha256, load_network
-from neugrasp_ros.pipeline.evaluation import Evaluator, ScoreMemory
+from neugrasp_ros.pipeline.evaluation import Evaluator, Scored, ScoreMemory
 from neugrasp_ros.pipeline.scenes import (
     EncodedScene,
     EncodeSettings,
@@ -29,12 +29,12 @@ from neugrasp_ros.pipeline.scenes import (
 )
 from neugrasp_ros.scene.reference import NetworkOccupancy, render_reference
 from neugrasp_ros.scene.rendering import render_surface, trace_surface
+from neugrasp_ros.scene.workers import torch_threads
 
 FloatArray = NDArray[np.float64]
 Box = tuple[FloatArray, FloatArray]
 
 DEFAULT_SUPPORT_HEIGHT = 0.05  # [m], where the cube's support plane is put
-SCORE_BATCH = 64  # grasps scored between two looks at the clock
 SEED_POINTS = 2000  # surface points that share the sampler's usual number of seeds
 
 
@@ -106,15 +106,10 @@ class GraspPlanner:
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
-        """Add the time of a stage; the networks get the configured threads."""
+        """Add the time of a stage; torch has threads of its own in the reference."""
         start = time.perf_counter()
-        before = torch.get_num_threads()
-        torch.set_num_threads(self._threads)
-        try:
-            with torch.no_grad():
-                yield
-        finally:
-            torch.set_num_threads(before)
+        with torch_threads(1 if self.config.renderer == "fast" else self._threads):
+            yield
         elapsed = time.perf_counter() - start
         self.timings[stage] = self.timings.get(stage, 0.0) + elapsed
 
@@ -296,7 +291,7 @@ class GraspPlanner:
             support_height: Height of the support plane in the task frame in [m].
             revision: Revision that the grasps were made for, if known.
             deadline: Of ``time.perf_counter()`` after which no further batch is
-                begun; the first always is.
+                begun; the first of each thread always is.
 
         Returns:
             The same grasps in the same order, with quality and affordances; NaN where
@@ -317,18 +312,23 @@ class GraspPlanner:
         with self._lock:
             scores = self._about(scene).scores
             rows = scores.missing(grasps, support_height)
-            for stage in ("local_rendering", "quality"):
-                self.timings[stage] = 0.0
-            for start in range(0, len(rows), SCORE_BATCH):
-                if start and deadline is not None and time.perf_counter() > deadline:
-                    break
-                batch = grasps.take(rows[start : start + SCORE_BATCH])
-                with self._timed("local_rendering"):
-                    inputs = self._evaluator.inputs(scene, batch, support_height)
-                with self._timed("quality"):
-                    found = self._evaluator.score(scene, batch, inputs)
-                scores.keep(batch, support_height, *found)
+            start, new = time.perf_counter(), grasps.take(rows)
+            found = self._evaluator.evaluate(scene, new, support_height, deadline)
+            for part in found:
+                kept = new.take(part.rows)
+                scores.keep(kept, support_height, part.quality, part.affordances)
+            self._note_evaluation(time.perf_counter() - start, found)
             return scores.fill(grasps, support_height)
+
+    def _note_evaluation(self, elapsed: float, found: Sequence[Scored]) -> None:
+        """Divide the time among its two stages as the threads' times are divided."""
+        spent = {
+            "local_rendering": sum(part.rendering for part in found),
+            "quality": sum(part.scoring for part in found),
+        }
+        whole = max(sum(spent.values()), 1e-9)
+        for stage, seconds in spent.items():
+            self.timings[stage] = elapsed * seconds / whole
 
     def decide(
         self,
@@ -350,7 +350,7 @@ class GraspPlanner:
             roi: As of ``sample``.
             max_candidates: 0 takes the configured number.
             time_budget: After so many seconds no further candidates are scored; 0 =
-                no budget. One batch always is.
+                no budget. One batch of each thread always is.
             seed: Seed of the sampler.
 
         Returns:

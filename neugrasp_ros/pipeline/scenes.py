@@ -21,7 +21,7 @@ from neugrasp_ros.scene.cubes import (
     merge_fields,
     shares_at,
 )
-from neugrasp_ros.scene.encoder import volume_channels
+from neugrasp_ros.scene.fast_encoder import encode_volumes
 from neugrasp_ros.scene.field import (
     FREE_LOGIT,
     CompiledOccupancy,
@@ -198,8 +198,7 @@ def encode_scene(
             revision, volume, corners, none, ScalarGrid(nothing, voxel), free, 0, size
         )
     parts = [cut(distances, corner, size) for corner in corners]
-    channels = torch.from_numpy(np.stack([volume_channels(part) for part in parts]))
-    planes = network.encode(channels.to(settings.device))
+    planes = encode_volumes(network, parts, settings.device, settings.threads)
     cubes = _Cubes(
         tuple(
             CompiledOccupancy(network, planes[b : b + 1], settings.threads)

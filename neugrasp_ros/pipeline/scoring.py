@@ -32,14 +32,18 @@ class Scorer:
 
     Args:
         network: The network, in evaluation mode; it is not changed.
-        threads: Worker threads.
     """
 
-    def __init__(self, network: GraspNetwork, threads: int) -> None:
+    def __init__(self, network: GraspNetwork) -> None:
         self._network = network
-        self._threads = threads
-        self._detector = fold_batch_norms(network.detector)
+        self._detector: Any = fold_batch_norms(network.detector)
         self._tables: tuple[EncodedScene, list[Float32Array]] | None = None
+
+    @torch.no_grad()
+    def prepare(self, scene: EncodedScene) -> None:
+        """Do what is done once per scene; before several threads score its grasps."""
+        if self._works_on_runs(scene) and self._detector.read is not None:
+            self._projected(scene)
 
     def __call__(
         self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
@@ -54,54 +58,66 @@ class Scorer:
         Returns:
             Quality (G,) and affordances (G, A), as probabilities.
         """
-        n_points = inputs.point_features.shape[1]
-        distinct = np.clip(inputs.hits, 1, n_points)
-        if self._network.config.local_view != RENDERED:
-            distinct[:] = n_points
-        order = np.argsort(distinct, kind="stable")
-        quality = np.empty(len(order))
-        affordances = np.empty((len(order), len(self._network.config.affordances)))
-        for start in range(0, len(order), CHUNK):
-            rows = order[start : start + CHUNK]
-            most = int(distinct[rows].max())
-            some = LocalInputs(
-                inputs.points_task[rows, :most],
-                inputs.point_features[rows, :most],
-                inputs.tokens[rows],
-                inputs.hits[rows],
-            )
-            quality[rows], affordances[rows] = self._score(scene, some, cubes[rows])
+        score = self._score_runs if self._works_on_runs(scene) else self._score
+        quality = np.empty(len(cubes))
+        affordances = np.empty((len(cubes), len(self._network.config.affordances)))
+        for start in range(0, len(cubes), CHUNK):
+            rows = slice(start, start + CHUNK)
+            some = LocalInputs._make(part[rows] for part in inputs)
+            logits = score(scene, some, cubes[rows])
+            probability = self._network.probability(logits[0])
+            afforded = self._network.affordance_probability(logits[1])
+            quality[rows] = probability.cpu().double().numpy()
+            affordances[rows] = afforded.cpu().double().numpy()
         return quality, affordances
+
+    def _works_on_runs(self, scene: EncodedScene) -> bool:
+        detector = self._detector
+        on_cpu = scene.planes.device.type == "cpu"
+        return on_cpu and isinstance(detector, NeuGraspDetector) and detector.takes_runs
 
     def _score(
         self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Score grasps with about as many distinct points each."""
+    ) -> tuple[Tensor, Tensor]:
+        """Return logits of quality and affordances from all points."""
         device = scene.planes.device
         points = torch.from_numpy(inputs.point_features).to(device)
         tokens = torch.from_numpy(inputs.tokens).to(device)
-        detector = self._detector
-        if isinstance(detector, NeuGraspDetector) and device.type == "cpu":
-            read = None if detector.read is None else self._read(scene, inputs, cubes)
-            quality, affordance = detector.score(points, tokens, read)
-        else:
-            features = self._features(scene, inputs, cubes)
-            quality, affordance = detector(points, tokens, features)
-        probability = self._network.probability(quality)
-        afforded = self._network.affordance_probability(affordance)
-        return probability.cpu().double().numpy(), afforded.cpu().double().numpy()
+        logits: tuple[Tensor, Tensor] = self._detector(
+            points, tokens, self._features(scene, inputs, cubes)
+        )
+        return logits
+
+    def _score_runs(
+        self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
+    ) -> tuple[Tensor, Tensor]:
+        """Return logits of quality and affordances from the distinct points."""
+        n_points = inputs.point_features.shape[1]
+        counts = np.clip(inputs.hits, 1, n_points).astype(np.int64)
+        if self._network.config.local_view != RENDERED:
+            counts[:] = n_points
+        kept = np.arange(n_points) < counts[:, None]
+        points = torch.from_numpy(inputs.point_features[kept])
+        if self._detector.read is not None:
+            where = inputs.points_task[kept]
+            read = self._read(scene, where, np.repeat(cubes, counts))
+            points = torch.cat([points, read.relu_()], dim=1)
+        tokens = torch.from_numpy(inputs.tokens)
+        logits: tuple[Tensor, Tensor] = self._detector.score_runs(
+            points, counts, tokens
+        )
+        return logits
 
     def _read(
-        self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
+        self, scene: EncodedScene, points: Float32Array, cubes: NDArray[np.int64]
     ) -> Tensor:
+        """Return what the first layer makes of the planes at points (N, 3), (N, F)."""
         tables = self._projected(scene)
-        width = tables[0].shape[-1]
-        out = np.empty((*inputs.points_task.shape[:2], width), dtype=np.float32)
+        out = np.empty((len(points), tables[0].shape[-1]), dtype=np.float32)
         for cube in np.unique(cubes):
-            rows = np.flatnonzero(cubes == cube)
-            local = scene.in_cube(cube, inputs.points_task[rows]).astype(np.float32)
-            read = read_projected(tables[cube], local.reshape(-1, 3), self._threads)
-            out[rows] = read.reshape(len(rows), -1, width)
+            rows = cubes == cube
+            local = scene.in_cube(cube, points[rows]).astype(np.float32)
+            out[rows] = read_projected(tables[cube], local)
         return torch.from_numpy(out)
 
     def _projected(self, scene: EncodedScene) -> list[Float32Array]:
@@ -147,6 +163,8 @@ def _folded(layers: nn.Sequential) -> nn.Sequential:
     for layer in layers:
         if isinstance(layer, nn.BatchNorm1d) and isinstance(kept[-1], nn.Linear):
             kept[-1] = fuse_linear_bn_eval(kept[-1], layer)
+        elif isinstance(layer, nn.ReLU) and kept and isinstance(kept[-1], nn.Linear):
+            kept.append(nn.ReLU(inplace=True))  # nobody else has the layer's result
         else:
             kept.append(layer)
     return nn.Sequential(*kept)

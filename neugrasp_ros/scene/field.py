@@ -13,6 +13,7 @@ from neugrasp_ros.geometry.grid import ScalarGrid
 from neugrasp_ros.geometry.grid_refine import doubled, straddling
 from neugrasp_ros.scene.encoder import FREE_ABOVE
 from neugrasp_ros.scene.grid_decoder import (
+    at_resolution,
     decode_at_points,
     decode_on_grid,
     pack_weights,
@@ -161,24 +162,22 @@ class CompiledOccupancy:
         self._network, self._planes, self._threads = network, planes, threads
         on_cpu = planes.device.type == "cpu"
         self._weights = pack_weights(network.decoder) if on_cpu else None
-        self._table: NDArray[np.float32] | None = None  # for points off the grid
+        self._table: Float32Array | None = None
 
     def on_grid(self, index: NDArray[np.int64], size: int) -> NDArray[np.float32]:
         """Return logits at samples (N, 3) of a grid with ``size`` per edge."""
         cells = self._planes.shape[-1]
         if self._weights is None or not cells <= size <= 2 * cells:
             return self.at_points((index + 0.5) / size)
-        table = project_planes(self._network.decoder, self._planes, size)
+        table = at_resolution(self._projected(), size, self._threads)
         return _clipped(decode_on_grid(self._weights, table, index, self._threads))
 
     def at_points(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return logits at points (N, 3) in units of the edge."""
         if self._weights is not None:
-            if self._table is None:
-                own = self._planes.shape[-1]
-                self._table = project_planes(self._network.decoder, self._planes, own)
+            table = self._projected()
             return _clipped(
-                decode_at_points(self._weights, self._table, points, self._threads)
+                decode_at_points(self._weights, table, points, self._threads)
             )
         query = torch.from_numpy(points.astype(np.float32))[None]
         occupied = self._network.occupancy_chunked(
@@ -186,6 +185,11 @@ class CompiledOccupancy:
         )
         return _clipped(occupied[0].cpu().numpy())
 
+    def _projected(self) -> Float32Array:
+        if self._table is None:
+            self._table = project_planes(self._network.decoder, self._planes)
+        return self._table
+
 
 def _clipped(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.clip(logits, -LOGIT_LIMIT, LOGIT_LIMIT)
+    return np.clip(logits, -LOGIT_LIMIT, LOGIT_LIMIT, out=logits)

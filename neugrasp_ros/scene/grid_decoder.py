@@ -66,34 +66,54 @@ def pack_weights(decoder: OccupancyDecoder) -> DecoderWeights:
 
 
 @torch.no_grad()
-def project_planes(
-    decoder: OccupancyDecoder, planes: Tensor, resolution: int
-) -> Float32Array:
-    """Multiply planes by the blocks' feature matrices, on a grid's columns.
+def project_planes(decoder: OccupancyDecoder, planes: Tensor) -> Float32Array:
+    """Multiply planes by the blocks' feature matrices, at their own resolution.
 
     Args:
         decoder: The decoder.
         planes: Planes of one scene, shape (1, 3, C, R, R).
-        resolution: Samples per edge of the grid, R or more.
 
     Returns:
-        Shape (3, resolution, resolution, K * H), indexed like the planes; the biases
-        are in the first.
+        Shape (3, R, R, K * H), indexed like the planes; the biases are in the first.
     """
     layers: list[Any] = list(decoder.injections)
     weights = torch.stack([layer.weight for layer in layers])  # (K, H, 3C)
     biases = torch.stack([layer.bias for layer in layers])
-    n_blocks, hidden, _ = weights.shape
-    channels = planes.shape[2]
-    split = weights.unflatten(2, (3, channels))
-    projected = torch.einsum("khpc,pcvu->pkhvu", split, planes[0])
-    projected[0] += biases[:, :, None, None]
-    flat = projected.flatten(1, 2)  # (3, K * H, R, R)
-    size = flat.shape[-1]
-    if resolution not in (size, 2 * size):
+    channels, size = planes.shape[2], planes.shape[-1]
+    split = weights.flatten(0, 1).unflatten(1, (3, channels))  # (K * H, 3, C)
+    flat = planes[0].flatten(2).transpose(1, 2)  # (3, R * R, C)
+    projected = torch.bmm(flat, split.permute(1, 2, 0))
+    projected[0] += biases.flatten()
+    return _array(projected.unflatten(1, (size, size)))
+
+
+def at_resolution(
+    table: Float32Array, resolution: int, threads: int = 1
+) -> Float32Array:
+    """Interpolate projected planes (3, R, R, F) to a grid's columns.
+
+    Args:
+        table: Of ``project_planes``.
+        resolution: Samples per edge of the grid, R or more.
+        threads: Worker threads.
+
+    Returns:
+        Shape (3, resolution, resolution, F).
+    """
+    size, features = table.shape[1], table.shape[3]
+    if resolution == size:
+        return table
+    if resolution != 2 * size:
+        flat = torch.from_numpy(table).permute(0, 3, 1, 2)
         flat = interpolate(flat, size=(resolution,) * 2, mode="bilinear")
-    table = _array(flat.permute(0, 2, 3, 1))
-    return _doubled(table) if resolution == 2 * size else table
+        return _array(flat.permute(0, 2, 3, 1))
+    out = np.empty((3, resolution, resolution, features), dtype=np.float32)
+
+    def run(part: slice) -> None:
+        _double_rows(table, part.start, part.stop, out)
+
+    run_in_parts(run, 3 * resolution, threads)
+    return out
 
 
 def decode_on_grid(
@@ -106,7 +126,7 @@ def decode_on_grid(
 
     Args:
         weights: Of ``pack_weights``.
-        projected: Of ``project_planes``, at the grid's resolution.
+        projected: Of ``at_resolution``, at the grid's.
         index: Samples (i, j, k) along x, y, z, shape (N, 3).
         threads: Worker threads.
 
@@ -128,7 +148,7 @@ def decode_at_points(
 
     Args:
         weights: Of ``pack_weights``.
-        projected: Of ``project_planes``, at the planes' own resolution.
+        projected: Of ``project_planes``.
         points: In units of the cube's edge, shape (N, 3); beyond the cube the border's
             features are read.
         threads: Worker threads.
@@ -157,23 +177,21 @@ def _decode_all(
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _doubled(table):  # pragma: no cover - compiled
-    """Interpolate (3, R, R, F) to (3, 2R, 2R, F), bilinearly between cell centres."""
-    planes, size, _, features = table.shape
-    out = np.empty((planes, 2 * size, 2 * size, features), dtype=np.float32)
+def _double_rows(table, first, last, out):  # pragma: no cover - compiled
+    """Interpolate rows, counted over all planes, bilinearly between cell centres."""
+    _, size, _, features = table.shape
     near, far = np.float32(0.75), np.float32(0.25)
-    for p in range(planes):
-        for i in range(2 * size):
-            a = i // 2
-            b = min(max(a + 2 * (i % 2) - 1, 0), size - 1)
-            for j in range(2 * size):
-                c = j // 2
-                d = min(max(c + 2 * (j % 2) - 1, 0), size - 1)
-                for f in range(features):
-                    row = near * table[p, a, c, f] + far * table[p, a, d, f]
-                    beside = near * table[p, b, c, f] + far * table[p, b, d, f]
-                    out[p, i, j, f] = near * row + far * beside
-    return out
+    for row in range(first, last):
+        p, i = row // (2 * size), row % (2 * size)
+        a = i // 2
+        b = min(max(a + 2 * (i % 2) - 1, 0), size - 1)
+        for j in range(2 * size):
+            c = j // 2
+            d = min(max(c + 2 * (j % 2) - 1, 0), size - 1)
+            for f in range(features):
+                along = near * table[p, a, c, f] + far * table[p, a, d, f]
+                beside = near * table[p, b, c, f] + far * table[p, b, d, f]
+                out[p, i, j, f] = near * along + far * beside
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)

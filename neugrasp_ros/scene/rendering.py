@@ -5,6 +5,7 @@ In: the occupancy field. Out: surface points with outward normals in the task fr
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,18 +115,28 @@ def _look_into(
     field: ScalarGrid, box: Box, config: RenderConfig, threads: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return what a box's cameras see in it, and along which rays, (N, 3) each."""
+    low, high = box
+    origins, directions = _scene_rays(config, tuple(float(e) for e in high - low))
+    origins = low + origins
+    distances = march(field, origins, directions, box=box, threads=threads)
+    hit = np.flatnonzero(np.isfinite(distances))
+    directions = directions[hit]
+    return origins[hit] + distances[hit, None] * directions, directions
+
+
+@lru_cache(maxsize=4)
+def _scene_rays(
+    config: RenderConfig, size: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Return all cameras' rays about a box at the origin, (R, 3) each."""
     pixels = Intrinsics.from_hfov(
         config.image_size, config.image_size, np.deg2rad(config.fov_deg)
     )
     rays = pixels.ray_directions().reshape(-1, 3)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    low, high = box
-    poses = scene_cameras(config, high - low)
+    poses = scene_cameras(config, np.array(size))
     directions = np.einsum("vij,rj->vri", poses[:, :3, :3], rays).reshape(-1, 3)
-    origins = np.repeat(low + poses[:, :3, 3], len(rays), axis=0)
-    distances = march(field, origins, directions, box=box, threads=threads)
-    hit = np.isfinite(distances)
-    return origins[hit] + distances[hit, None] * directions[hit], directions[hit]
+    return np.repeat(poses[:, :3, 3], len(rays), axis=0), directions
 
 
 def thin(points: FloatArray, spacing: float) -> FloatArray:

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import numpy as np
 import torch
 from torch import nn
 
@@ -26,9 +27,16 @@ def test_a_folded_decoder_says_the_same_without_normalisation():
         torch.testing.assert_close(folded(points), decoder(points), atol=1e-5, rtol=0)
 
 
-def test_points_that_repeat_others_may_be_left_out():
+def test_runs_of_points_are_pooled_like_as_many_points_each():
     folded = fold_batch_norms(trained_pointnet())
     points = torch.randn(3, 7, POINT_FEATURES)
-    repeated = torch.cat([points, points, points[:, :2]], dim=1)
     with torch.no_grad():
-        torch.testing.assert_close(folded(repeated), folded(points))
+        whole = folded(points)
+        runs = folded.pooled(points.flatten(0, 1), np.array([7, 7, 7]))
+        torch.testing.assert_close(runs, whole)
+        some = torch.cat([points[0], points[1, :2], points[2]])
+        shorter = folded.pooled(some, np.array([7, 2, 7]))
+        repeated = points.clone()
+        repeated[1] = points[1, [0, 1, 0, 1, 0, 1, 0]]  # repeats change no maximum
+        torch.testing.assert_close(shorter, folded(repeated))
+    assert not torch.allclose(shorter, whole)
