@@ -72,6 +72,20 @@ def draw_rechecks(
     return [Recheck(labels, np.array(rows)) for labels, rows in chosen.values()]
 
 
+def possible_openings(
+    stored: NDArray[np.float32], max_opening: float
+) -> NDArray[np.float64]:
+    """Return stored openings as the gripper takes them, in [m], shape (G,).
+
+    Single precision may have rounded fully open jaws to more than fully open.
+
+    Args:
+        stored: As in the labels, shape (G,).
+        max_opening: Of the gripper in [m].
+    """
+    return np.minimum(stored.astype(np.float64), max_opening)
+
+
 def recheck(job: Recheck) -> Outcomes:
     """Try a scene's grasps again as the benchmark does.
 
@@ -80,7 +94,7 @@ def recheck(job: Recheck) -> Outcomes:
     """
     grasps, config = job.labels.grasps, trial_config(FULL_PRESET)
     poses = grasps.poses()
-    openings = np.minimum(grasps.openings, job.labels.gripper.max_opening)
+    openings = possible_openings(grasps.openings, job.labels.gripper.max_opening)
     with World(solver_iterations=config.solver_iterations) as world:
         rebuild_scene(world, job.labels.scene)
         hand = SimGripper(world, job.labels.gripper)

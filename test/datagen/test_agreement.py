@@ -12,6 +12,7 @@ from neugrasp_ros.datagen.agreement import (
     count_agreement,
     draw_rechecks,
     group_of,
+    possible_openings,
     recheck,
 )
 from neugrasp_ros.datagen.candidates import CandidateConfig
@@ -59,3 +60,11 @@ def test_labels_are_mostly_the_full_executions():
     )
     high = recheck(Recheck(dataclasses.replace(labels, grasps=upside_down), rows))
     assert not high.full.any()
+
+
+def test_fully_open_jaws_stay_possible_in_single_precision():
+    limit = 0.08690370377134729
+    stored = np.array([limit, 0.04], dtype=np.float32)
+    assert float(stored[0]) > limit
+    openings = possible_openings(stored, limit)
+    assert openings[0] == limit and abs(openings[1] - 0.04) < 1e-8
