@@ -17,7 +17,8 @@ from neugrasp_ros.errors import ConfigError, RevisionError
 from neugrasp_ros.fusion.tsdf import TsdfVolume
 from neugrasp_ros.geometry.gripper import Gripper, load_gripper
 from neugrasp_ros.grasp.contacts import expected_contacts
-from neugrasp_ros.grasp.sampling import Proposals, SamplerConfig, choose, propose
+from neugrasp_ros.grasp.coverage import propose_everywhere
+from neugrasp_ros.grasp.sampling import Proposals, SamplerConfig, choose
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.model import GraspNetwork, default_weights, file_sha256, load_network
 from neugrasp_ros.pipeline.evaluation import Evaluator, Scored, ScoreMemory
@@ -35,7 +36,6 @@ FloatArray = NDArray[np.float64]
 Box = tuple[FloatArray, FloatArray]
 
 DEFAULT_SUPPORT_HEIGHT = 0.05  # [m], where the cube's support plane is put
-SEED_POINTS = 2000  # surface points that share the sampler's usual number of seeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,13 +255,11 @@ class GraspPlanner:
         known = self._about(scene).proposals
         key = (support_height, seed)
         if key not in known:
-            usual = SamplerConfig()
-            share = max(1.0, len(surface.points) / SEED_POINTS)
-            known[key] = propose(
+            known[key] = propose_everywhere(
                 surface.points,
                 surface.normals,
                 self.gripper,
-                replace(usual, n_seeds=round(usual.n_seeds * share)),
+                SamplerConfig(),
                 np.random.default_rng(seed),
                 support_height=support_height,
             )

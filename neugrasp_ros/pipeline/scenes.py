@@ -31,6 +31,7 @@ from neugrasp_ros.scene.field import (
 )
 from neugrasp_ros.scene.network import SceneNetwork
 from neugrasp_ros.scene.reference import NetworkOccupancy, dense_field
+from neugrasp_ros.scene.workers import shared
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -206,13 +207,14 @@ def encode_scene(
         ),
         corners,
         size,
+        settings.threads,
     )
     if settings.renderer != "fast":
         compiled = settings.renderer == "compiled_reference"
         ask = cubes.occupancies[0] if compiled else None
         grid, queries = _dense(network, planes, free, voxel, ask)
     else:
-        values, queries = _samples(cubes, free, parts)
+        values, queries = _samples(cubes, free, parts, settings.threads)
         grid, asked = refined(values, free, voxel, cubes.ask, settings.threads)
         queries += asked
     return EncodedScene(
@@ -226,20 +228,28 @@ class _Cubes(NamedTuple):
     occupancies: tuple[CompiledOccupancy, ...]
     corners: IntArray  # [voxel], (B, 3)
     size: int  # [voxel]
+    threads: int
 
     def ask(self, index: IntArray) -> Float32Array:
         """Return logits (N,) at samples (N, 3) of the grid with half a voxel's edge."""
-        positions = (index + 0.5) / 2  # [voxel]
         if len(self.corners) == 1:
-            return self.occupancies[0].at_points(
-                (positions - self.corners[0]) / self.size
-            )
+            local = ((index + 0.5) / 2 - self.corners[0]) / self.size
+            return self.occupancies[0].at_points(local)
+        asked = tuple(occupancy.alone() for occupancy in self.occupancies)
+        parts = np.array_split(index, max(1, min(len(index), 2 * self.threads)))
+        found = shared(lambda part: self._mixed(part, asked), parts, self.threads)
+        return np.concatenate(found)
+
+    def _mixed(
+        self, index: IntArray, occupancies: tuple[CompiledOccupancy, ...]
+    ) -> Float32Array:
+        positions = (index + 0.5) / 2  # [voxel]
         shares = shares_at(positions, self.corners, self.size)
         shares[shares < NEGLIGIBLE] = 0
         shares /= np.maximum(shares.sum(axis=1, keepdims=True), NEGLIGIBLE)
         logits = np.where(shares.any(axis=1), 0, FREE_LOGIT).astype(np.float32)
         for cube, (ask, corner) in enumerate(
-            zip(self.occupancies, self.corners, strict=True)
+            zip(occupancies, self.corners, strict=True)
         ):
             rows = np.flatnonzero(shares[:, cube])
             local = (positions[rows] - corner) / self.size
@@ -248,20 +258,22 @@ class _Cubes(NamedTuple):
 
 
 def _samples(
-    cubes: _Cubes, free: BoolArray, parts: list[Float32Array]
+    cubes: _Cubes, free: BoolArray, parts: list[Float32Array], threads: int
 ) -> tuple[Float32Array, int]:
     """Evaluate each cube's logits where they count, and mix them."""
     shape = (free.shape[0], free.shape[1], free.shape[2])
     if len(parts) == 1 and shape == (cubes.size,) * 3:
         return evaluate_samples(cubes.occupancies[0], free)
     shares = blend_shares(cubes.corners, cubes.size, shape)
-    values, queries = [], 0
-    for ask, part, share in zip(cubes.occupancies, parts, shares, strict=True):
-        found, asked = evaluate_samples(ask, seen_free(part), share > NEGLIGIBLE)
-        values.append(found)
-        queries += asked
+    asked = [occupancy.alone() for occupancy in cubes.occupancies]
+
+    def run(cube: int) -> tuple[Float32Array, int]:
+        wanted = shares[cube] > NEGLIGIBLE
+        return evaluate_samples(asked[cube], seen_free(parts[cube]), wanted)
+
+    values, queries = zip(*shared(run, range(len(parts)), threads), strict=True)
     mixed = merge_fields(values, shares, cubes.corners, shape, FREE_LOGIT)
-    return mixed, queries
+    return mixed, sum(queries)
 
 
 def _dense(

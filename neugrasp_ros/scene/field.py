@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The network's occupancy on a grid, evaluated only where it is not already known."""
 
+import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -163,6 +164,14 @@ class CompiledOccupancy:
         on_cpu = planes.device.type == "cpu"
         self._weights = pack_weights(network.decoder) if on_cpu else None
         self._table: Float32Array | None = None
+
+    def alone(self) -> "CompiledOccupancy":
+        """Return the same for a caller that is one of several threads itself."""
+        if self._weights is not None:
+            self._projected()  # before several threads do
+        other = copy.copy(self)
+        other._threads = 1
+        return other
 
     def on_grid(self, index: NDArray[np.int64], size: int) -> NDArray[np.float32]:
         """Return logits at samples (N, 3) of a grid with ``size`` per edge."""

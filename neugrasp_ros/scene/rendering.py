@@ -15,6 +15,7 @@ from neugrasp_ros.geometry.camera import Intrinsics
 from neugrasp_ros.geometry.grid import ScalarGrid, march
 from neugrasp_ros.geometry.ray_search import refine_crossings
 from neugrasp_ros.geometry.transform import look_at
+from neugrasp_ros.scene.workers import shared
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -71,8 +72,9 @@ def render_surface(
         Points (N, 3) in [m], one per occupied cell of ``point_spacing``, and outward
         unit normals (N, 3).
     """
-    whole = (np.zeros(3), field.size)
-    seen = [_look_into(field, b, config, threads) for b in boxes or [whole]]
+    boxes = boxes or [(np.zeros(3), field.size)]
+    each = threads if len(boxes) == 1 else 1
+    seen = shared(lambda b: _look_into(field, b, config, each), boxes, threads)
     points, directions = (np.concatenate(parts) for parts in zip(*seen, strict=True))
     rows = thinned(points, config.point_spacing)
     points = points[rows]
