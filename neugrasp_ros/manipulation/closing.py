@@ -2,8 +2,8 @@
 """How far jaws may close where their tips would press onto what the object stands on.
 
 The tips of a linkage gripper move ahead while it closes, by 13 mm on a 2F-85. A grasp
-leaves room for that down to the width of its object; jaws that close on nothing, or on
-something thinner, would press the hand against a table with all that the arm can bear.
+leaves room for that down to the width of its object, and no more; jaws that close on
+nothing would press the hand against a table with some 60 N.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,8 @@ from neugrasp_ros.robot.obstacles import SolidBox
 
 FloatArray = NDArray[np.float64]
 
-CLEARANCE = 0.001  # [m]; between tips and boxes
+CLEARANCE = 0.001  # [m]; between tips and boxes: a tip that touches meets 60 N
+RAISE = 0.002  # [m]; by which a grasp so low is carried out higher
 STEPS = 60
 
 
@@ -46,6 +47,20 @@ def least_opening(
     blocked = np.asarray(hit.reshape(STEPS, -1).any(axis=1))
     blocked[-1] = False
     return float(openings[np.flatnonzero(blocked)[-1] + 1]) if blocked.any() else 0.0
+
+
+def raised(
+    gripper: Gripper, T_base_gripper: FloatArray, boxes: Sequence[SolidBox]
+) -> FloatArray:
+    """Return a grasp (4, 4) drawn back by 2 mm where closing tips come to a box.
+
+    A sampler lets the tips touch what the object stands on at its width, so that
+    without this the jaws would stop short of it.
+    """
+    T = np.array(T_base_gripper, dtype=np.float64)
+    if least_opening(gripper, T, boxes) > 0.0:
+        T[:3, 3] -= RAISE * T[:3, 2]
+    return T
 
 
 def _tip_corners(gripper: Gripper, openings: FloatArray) -> FloatArray:

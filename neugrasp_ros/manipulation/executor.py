@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
-from neugrasp_ros.manipulation.closing import least_opening
+from neugrasp_ros.manipulation.closing import least_opening, raised
 from neugrasp_ros.manipulation.mover import ArmMover, PlannedGrasp, Surroundings
 from neugrasp_ros.manipulation.settings import ExecutorConfig
 from neugrasp_ros.motion.limits import Trajectory
@@ -242,6 +242,7 @@ class GraspExecutor:
         if hardware.has_moved(T_base_gripper):
             return Outcome(GraspOutcome.STALE, "the object moved since it was seen")
         around = hardware.surroundings()
+        T_base_gripper = self._with_room(T_base_gripper, arms, around)
         plan = self._mover.plan_grasp(
             hardware.configuration(), T_base_gripper, around, arms=arms, opening=width
         )
@@ -257,6 +258,14 @@ class GraspExecutor:
                 GraspOutcome.STALE, "the object moved before the hand got there", width
             )
         return self._take(plan, around, lift, report)
+
+    def _with_room(
+        self, T_base_gripper: FloatArray, arms: tuple[str, ...], around: Surroundings
+    ) -> FloatArray:
+        """Return a grasp (4, 4) that leaves room for the tips of closing jaws."""
+        grippers = self._mover.robot.grippers
+        key = self._gripper(arms[0]) if arms else next(iter(grippers))
+        return raised(grippers[key], T_base_gripper, around.boxes)
 
     def _require_room(
         self, plan: PlannedGrasp, around: Surroundings, width: float
@@ -299,7 +308,10 @@ class GraspExecutor:
         if opening < closed + self._config.empty_opening:
             self._open(plan.arm)
             self._leave(plan, around)
-            return Outcome(GraspOutcome.MISSED, "the jaws closed on nothing", opening)
+            words = "the jaws closed on nothing"
+            if closed > 0.0:
+                words += f" down to {closed:.3f} m; further their tips would press"
+            return Outcome(GraspOutcome.MISSED, words, opening)
         box = carried_box(around.points, plan.T_base_gripper, opening)
         self.held = Held(plan.arm, plan.T_base_gripper, box)
         if not lift:

@@ -4,13 +4,18 @@
 import numpy as np
 import pytest
 
+from neugrasp_ros.benchmark.robot_figures import LARGEST_FORCE
 from neugrasp_ros.benchmark.robot_hardware import GOAL_TOLERANCE, SimulatedRobot
 from neugrasp_ros.errors import MotionError
 from neugrasp_ros.geometry.transform import invert, translation
+from neugrasp_ros.manipulation.executor import GraspExecutor, GraspOutcome
+from neugrasp_ros.manipulation.mover import ArmMover
+from neugrasp_ros.manipulation.settings import MoverConfig
 from neugrasp_ros.motion.limits import Trajectory
 from neugrasp_ros.motion.timing import time_line
 from neugrasp_ros.robot.collision import CollisionChecker
 from neugrasp_ros.robot.model import load_robot
+from neugrasp_ros.robot.reachability import ReachabilityChecker
 from sim_bridge.bridge_world import BridgeScenes
 from sim_bridge.furniture import BINS
 from sim_bridge.robot_cell import StanceRule
@@ -154,3 +159,13 @@ def test_a_quiet_round_has_no_mishap(robot):
     mishap = robot.mishap()
     assert mishap.force == 0.0 and mishap.link == ""
     assert mishap.limits["samples"] == 0
+
+
+def test_jaws_that_close_on_nothing_do_not_press_on_the_table(tiago, robot):
+    robot.spawn("table", 1, 0)
+    low = np.diag([1.0, -1.0, -1.0, 1.0])
+    low[:3, 3] = 0.55, 0.1, TABLE_TOP + 0.006  # closing takes the tips 13 mm down
+    mover = ArmMover(ReachabilityChecker(tiago), MoverConfig(timeout=30.0))
+    outcome = GraspExecutor(mover, robot).execute(low, width=0.085)
+    assert outcome.kind is GraspOutcome.MISSED, outcome.message
+    assert robot.mishap().force < LARGEST_FORCE

@@ -7,7 +7,13 @@ import pytest
 from neugrasp_ros.geometry.finger_joint import tip_advance_at
 from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.geometry.transform import translation
-from neugrasp_ros.manipulation.closing import CLEARANCE, STEPS, least_opening
+from neugrasp_ros.manipulation.closing import (
+    CLEARANCE,
+    RAISE,
+    STEPS,
+    least_opening,
+    raised,
+)
 from neugrasp_ros.robot.obstacles import SolidBox
 
 HAND = load_gripper("robotiq_2f85")
@@ -28,6 +34,19 @@ def test_the_tips_stop_a_millimetre_over_the_table(height):
     room = height - CLEARANCE
     assert tip_advance_at(HAND, found) <= room
     assert tip_advance_at(HAND, found - 1.01 * step) > room
+
+
+@pytest.mark.parametrize("width", [0.01, 0.03, 0.06])
+def test_there_is_room_down_to_the_width_that_a_grasp_is_for(width):
+    lowest = down_at(float(tip_advance_at(HAND, width)))  # as the sampler leaves it
+    T = raised(HAND, lowest, [TABLE])
+    assert T[:3, 3] - lowest[:3, 3] == pytest.approx([0.0, 0.0, RAISE])
+    assert least_opening(HAND, T, [TABLE]) < width - 0.002
+
+
+def test_a_grasp_with_room_stays_where_it_is():
+    high = down_at(0.05)
+    assert raised(HAND, high, [TABLE]) == pytest.approx(high)
 
 
 def test_with_room_under_the_tips_the_jaws_may_close():

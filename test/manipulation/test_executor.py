@@ -9,7 +9,7 @@ import pytest
 from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
 from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.geometry.transform import translation
-from neugrasp_ros.manipulation.closing import least_opening
+from neugrasp_ros.manipulation.closing import least_opening, raised
 from neugrasp_ros.manipulation.executor import GraspExecutor, GraspOutcome, Held
 from neugrasp_ros.manipulation.mover import PlannedGrasp, Surroundings
 from neugrasp_ros.motion.grasp_motion import GraspMotion
@@ -247,13 +247,15 @@ def test_over_a_table_jaws_close_as_far_as_their_tips_do_not_press(further, kind
     T = np.diag([1.0, -1.0, -1.0, 1.0])
     T[2, 3] = 0.015
     mover = LowMover()
-    least = least_opening(mover.robot.grippers["left"], T, [TABLE])
+    hand = mover.robot.grippers["left"]
+    least = least_opening(hand, raised(hand, T, [TABLE]), [TABLE])
     hardware = Hardware(openings=[least + further, 0.03])
     hardware.surroundings = lambda: Surroundings(boxes=(TABLE,))
     executor = GraspExecutor(mover, hardware)
     outcome = executor.execute(T, width=0.08, arms=(ARM,))
     assert outcome.kind is kind and least > 0.02
     assert f"jaws {least:.3f}" in hardware.done
+    assert ("would press" in outcome.message) == (kind is GraspOutcome.MISSED)
     if kind is GraspOutcome.GRASPED:
         assert hardware.done[-2:] == ["lift", "jaws 0.000"], (
             "with all force, in the air"
