@@ -12,10 +12,13 @@ from typing import Any
 TABLES = ((0.3, 0.3, 0.3), (0.6, 0.4, 0.3), (0.9, 0.6, 0.3), (1.2, 0.8, 0.4))
 ON_TABLE = (5, 8, 12, 18)  # objects
 CURVE_SCENES = 5
-PARTS = "timing", "speedup", "rays", "scores", "curves", "tables", "endurance"
-USUAL = ",".join(PARTS[:-1])
+PARTS = (
+    "timing", "speedup", "rays", "scores", "curves", "tables", "endurance", "service",
+)  # fmt: skip
+USUAL = ",".join(PARTS[:-2])
 COUNTS = (
     "scenes", "reference", "rays", "scores", "grasps", "detections", "candidates",
+    "repeat", "requests",
 )  # fmt: skip
 
 
@@ -35,6 +38,8 @@ def add_parser(
     add("--scores", type=int, default=50, help="scenes whose scores are compared")
     add("--grasps", type=int, default=32, help="grasps compared in a scene")
     add("--detections", type=int, default=1000, help="of the endurance run")
+    add("--requests", type=int, default=50, help="to the service, of either kind")
+    add("--repeat", type=int, default=3, help="runs of the timing; the best one counts")
     add("--threads", type=int, default=2)
     add("--candidates", type=int, default=256)
     add("--gripper", default="robotiq_2f85", metavar="NAME|FILE")
@@ -139,6 +144,7 @@ def _part(
     from neugrasp_ros.benchmark.endurance import endure
     from neugrasp_ros.benchmark.equivalence import check_rays, check_scores
     from neugrasp_ros.benchmark.shots import shoot, table
+    from neugrasp_ros.cli.service_latency import by_service
 
     few = shots[:CURVE_SCENES]
 
@@ -155,7 +161,7 @@ def _part(
 
     return {
         "timing": lambda: {
-            **speed.summary(speed.best_of(planner, shots[: args.scenes])),
+            **speed.best_run(planner, shots[: args.scenes], args.repeat),
             "peak_memory_mb": speed.peak_memory_mb(),
         },
         "speedup": lambda: speed.against_reference(
@@ -174,4 +180,5 @@ def _part(
         "endurance": lambda: endure(
             planner, few, max(args.detections // 10, 1), args.detections
         ),
+        "service": lambda: by_service(few, args.requests),
     }[name]

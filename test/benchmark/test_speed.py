@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 
+from neugrasp_ros.benchmark import speed
 from neugrasp_ros.benchmark.speed import STAGES, matmul_ms, peak_memory_mb, summary
 from neugrasp_ros.benchmark.speed_figures import draw_profile, profile_table
 
@@ -19,6 +20,25 @@ def test_a_summary_has_medians_and_ninetieth_percentiles(rows):
     assert found["stages_ms"]["fusion"] == {"median": 5.0, "p90": 9.0}
     assert found["requery_ms_median"] == 5.0
     assert found["scenes"] == 11
+
+
+def test_the_run_with_the_least_median_counts_and_all_are_kept(rows, monkeypatch):
+    speeds = iter([3.0, 1.0, 2.0])
+    products = iter([2.2, 2.0, 2.1])
+
+    def run(_, shots, repeats):
+        assert (shots, repeats) == (["a shot"], 1)
+        factor = next(speeds)
+        return [{name: factor * value for name, value in row.items()} for row in rows]
+
+    monkeypatch.setattr(speed, "best_of", run)
+    monkeypatch.setattr(speed, "matmul_ms", lambda: next(products))
+    found = speed.best_run(None, ["a shot"], 3)
+    assert found["total_ms_median"] == 5.0 and found["total_ms_p90"] == 9.0
+    assert found["runs_total_ms_median"] == [15.0, 5.0, 10.0]
+    assert found["runs_total_ms_p90"] == [27.0, 9.0, 18.0]
+    assert found["runs_matmul_512_ms"] == [2.2, 2.0, 2.1]
+    assert "matmul_512_ms" not in found
 
 
 def test_the_machine_is_measured():

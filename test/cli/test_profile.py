@@ -61,6 +61,8 @@ def test_what_was_measured_is_kept_when_a_later_part_fails(
         (["--only", "rays,speed"], r"--only: expected of timing.*, got \['speed'\]"),
         (["--rays", "0"], "--rays must be positive, got 0"),
         (["--detections", "-1"], "--detections must be positive, got -1"),
+        (["--repeat", "0"], "--repeat must be positive, got 0"),
+        (["--requests", "0"], "--requests must be positive, got 0"),
         (["--merge"], "--merge needs --json"),
     ],
 )
