@@ -77,7 +77,7 @@ class Stages(Protocol):
         """Check grasps against the robot."""
 
     def suggest_base(
-        self, grasps: GraspList, arms: tuple[str, ...]
+        self, grasps: GraspList, arms: tuple[str, ...], deadline: float
     ) -> tuple[str, FloatArray] | None:
         """Return where the base would have to stand (4, 4) and in which frame."""
 
@@ -316,7 +316,8 @@ class Detection:
         """Say where the base would have to stand, if there is time to find out."""
         if time.monotonic() > self._deadline - HINT_TIME:
             return
-        found = self._stages.suggest_base(grasps, self._wanted.arms)
+        wanted = self._wanted
+        found = self._stages.suggest_base(grasps, wanted.arms, self._deadline)
         if found is not None:
             place = self._outcome.report.suggested_base
             place.header.frame_id, T = found

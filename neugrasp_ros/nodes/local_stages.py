@@ -102,7 +102,7 @@ class LocalStages(Stages):
         return loaded(self.reach).check(grasps, arms)
 
     def suggest_base(
-        self, grasps: GraspList, arms: tuple[str, ...]
+        self, grasps: GraspList, arms: tuple[str, ...], deadline: float
     ) -> tuple[str, NDArray[np.float64]] | None:
         """Return where the base would have to stand, and in which frame."""
         reach = loaded(self.reach)

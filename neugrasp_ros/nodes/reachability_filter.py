@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped
-from neugrasp_msgs.msg import GraspArray, TsdfVolume
+from neugrasp_msgs.msg import Grasp, GraspArray, TsdfVolume
 from neugrasp_msgs.srv import CheckReachability
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import Executor
@@ -21,6 +21,7 @@ from neugrasp_ros.nodes.conversions import (
     from_tsdf,
     to_best_pose,
     to_grasp_array,
+    to_pose,
     to_pose_array,
 )
 from neugrasp_ros.nodes.grasp_list import GraspList
@@ -78,12 +79,12 @@ class ReachabilityFilterNode(Node):
                 callback_group=inputs,
                 qos_overriding_options=overrides(),
             )
-        self.create_service(
-            CheckReachability,
-            "~/check",
-            self._on_check,
-            callback_group=ReentrantCallbackGroup(),
-        )
+        services = ReentrantCallbackGroup()
+        for name, work in (
+            ("~/check", self._on_check),
+            ("~/suggest_base", self._on_suggest_base),
+        ):
+            self.create_service(CheckReachability, name, work, callback_group=services)
 
     def _create_outputs(self) -> None:
         def output(kind: type, topic: str) -> Any:
@@ -140,6 +141,24 @@ class ReachabilityFilterNode(Node):
             )
             checked = self.stage.check(grasps, tuple(request.arms), start)
             response.grasps = to_grasp_array(checked)
+
+        return answer(self, response, work)
+
+    def _on_suggest_base(
+        self, request: CheckReachability.Request, response: CheckReachability.Response
+    ) -> object:
+        """Answer with one pose of the base (``tcp_frame``), or none if it knows none.
+
+        ``start_state`` is not looked at: the base moves, the arm stays as it is.
+        """
+
+        def work() -> None:
+            grasps, base = from_grasp_array(request.grasps), self.stage.base_frame
+            T = self.stage.suggest_base(grasps, tuple(request.arms))
+            response.grasps.header.frame_id = response.grasps.tcp_frame = base
+            response.grasps.header.stamp = request.grasps.header.stamp
+            if T is not None:
+                response.grasps.grasps = [Grasp(pose=to_pose(T))]
 
         return answer(self, response, work)
 

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 
 from neugrasp_ros.nodes.conversions import (
     from_grasp_array,
+    from_pose,
     from_tsdf,
     to_grasp_array,
     to_pose,
@@ -63,6 +64,7 @@ class RemoteStages(Stages):
         self._evaluate = client(EvaluateGrasps, "grasp_evaluator/evaluate")
         self._list = client(ListAffordances, "grasp_evaluator/list_affordances")
         self._check = client(CheckReachability, "reachability_filter/check")
+        self._suggest = client(CheckReachability, "reachability_filter/suggest_base")
 
     def missing(self) -> list[str]:
         """Return what is not ready yet, in words."""
@@ -168,10 +170,22 @@ class RemoteStages(Stages):
         return from_grasp_array(response.grasps)
 
     def suggest_base(
-        self, grasps: GraspList, arms: tuple[str, ...]
+        self, grasps: GraspList, arms: tuple[str, ...], deadline: float
     ) -> tuple[str, NDArray[np.float64]] | None:
-        """Return None: the robot is in another process, whose service has no hint."""
-        return None
+        """Return where the base would have to stand, and in which frame."""
+        if not self._suggest.service_is_ready():
+            return None
+        request = CheckReachability.Request(
+            grasps=to_grasp_array(grasps), arms=list(arms)
+        )
+        try:
+            response = _good(call(self._suggest, request, deadline))
+        except DetectionError:
+            return None  # a hint that does not come is no failure of its own
+        places = response.grasps.grasps
+        if not places:
+            return None
+        return response.grasps.header.frame_id, from_pose(places[0].pose)
 
     def transform(self, target: str, source: str, stamp: int) -> NDArray[np.float64]:
         """Return ``T_target_source``."""

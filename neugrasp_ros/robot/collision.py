@@ -98,7 +98,7 @@ class CollisionChecker:
         if codes[0] == FREE:
             return None
         if codes[0] == SELF:
-            i, j = self._scope(group).pairs[which[0]]
+            i, j = self.scope(group).pairs[which[0]]
             return Contact(self.links[i], self.links[j])
         return Contact(self.links[which[0]], "scene")
 
@@ -162,8 +162,8 @@ class CollisionChecker:
         moving, values = paths or (np.zeros(0, np.int64), np.zeros((len(starts), 1, 0)))
         found = np.zeros((len(starts), 2), dtype=np.int64)
         path_contacts(
-            self._world(obstacles),
-            self._scope(group),
+            self.world(obstacles),
+            self.scope(group),
             np.ascontiguousarray(starts, dtype=np.float64),
             moving,
             np.ascontiguousarray(values),
@@ -172,7 +172,8 @@ class CollisionChecker:
         )
         return found[:, 0], found[:, 1]
 
-    def _world(self, obstacles: Obstacles | None) -> World:
+    def world(self, obstacles: Obstacles | None) -> World:
+        """Return the robot and what is around it as compiled code takes it."""
         around = obstacles or self._nothing
         return World(self._tree, self._hulls, self._balls, around)
 
@@ -203,7 +204,8 @@ class CollisionChecker:
         names = self._robot.joint_names
         return {k for k, name in enumerate(names) if name.endswith("_slide_joint")}
 
-    def _scope(self, group: str) -> Scope:
+    def scope(self, group: str) -> Scope:
+        """Return what a planning group can bring into contact."""
         if group not in self._scopes:
             self._scopes[group] = self._make_scope(group)
         return self._scopes[group]

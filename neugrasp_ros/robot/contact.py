@@ -92,7 +92,7 @@ def _boxes_apart(d, first, second, margin, scratch):  # type: ignore[no-untyped-
     return _apart_across(C, t, a, b, margin)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _hull(hulls, rotations, positions, index):  # type: ignore[no-untyped-def]
     """Return vertices, rotation and position of a posed hull."""
     start, stop = hulls.vertex_starts[index], hulls.vertex_starts[index + 1]
@@ -112,7 +112,7 @@ def _within(d, reach):  # type: ignore[no-untyped-def]
     return d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= reach * reach
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
     """Return the first pair of hulls closer than the padding, or -1."""
     hulls, margin = world.hulls, scope.self_padding
@@ -140,7 +140,7 @@ def _first_pair(world, scope, buffers):  # type: ignore[no-untyped-def]
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _hits_box(world, g, k, margin, buffers):  # type: ignore[no-untyped-def]
     """Return whether hull ``g`` is closer than the margin to solid box ``k``."""
     hulls, solid = world.hulls, world.obstacles.boxes
@@ -171,7 +171,7 @@ def point_in_hull(hulls, g, pose, point, margin):  # type: ignore[no-untyped-def
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _outside_box(halves, center, axes, point, margin):  # type: ignore[no-untyped-def]
     """Return whether a point lies outside a box grown by the margin."""
     d = _gap(point, center)
@@ -182,7 +182,7 @@ def _outside_box(halves, center, axes, point, margin):  # type: ignore[no-untype
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cells_along(corner, axis, halves, margin, cells):  # type: ignore[no-untyped-def]
     """Return the first and last cell, of ``cells`` along one axis, that a box reaches.
 
@@ -196,7 +196,7 @@ def _cells_along(corner, axis, halves, margin, cells):  # type: ignore[no-untype
     return low, min(cells - 1, int(np.floor((corner + reach) / CELL)))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cell_hits(world, g, margin, posed, held, cell):  # type: ignore[no-untyped-def]
     """Return whether a point of one cell lies in hull ``g``, as ``_hits_point``."""
     hulls, obstacles = world.hulls, world.obstacles
@@ -212,7 +212,7 @@ def _cell_hits(world, g, margin, posed, held, cell):  # type: ignore[no-untyped-
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
     """Return whether an obstacle point lies in hull ``g`` grown by the margin.
 
@@ -246,7 +246,7 @@ def _hits_point(world, g, margin, posed, held):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _near_points(center, reach, origin, cells):  # type: ignore[no-untyped-def]
     """Return whether a ball touches the block of cells that holds all points."""
     for i in range(3):
@@ -256,7 +256,7 @@ def _near_points(center, reach, origin, cells):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _first_in_scene(world, scope, held, buffers):  # type: ignore[no-untyped-def]
     """Return the number of the first mover that touches an obstacle, or -1."""
     # balls come first: a call that takes the whole world costs more than they do
@@ -268,10 +268,11 @@ def _first_in_scene(world, scope, held, buffers):  # type: ignore[no-untyped-def
     for k in range(scope.movers.shape[0]):
         g, margin = scope.movers[k], scope.padding[k]
         for n in range(boxes.radii.shape[0]):
-            reach = hulls.radii[g] + boxes.radii[n] + margin
-            if _within(_gap(centers[g], boxes.centers[n]), reach):
-                if _hits_box(world, g, n, margin, buffers):
-                    return k
+            reach, middle = hulls.radii[g] + margin, boxes.centers[n]
+            if _outside_box(boxes.halves[n], middle, boxes.axes[n], centers[g], reach):
+                continue
+            if _hits_box(world, g, n, margin, buffers):
+                return k
         if not scope.hand[k]:
             margin += obstacles.reach
         reach = hulls.radii[g] + margin
@@ -286,7 +287,7 @@ def _first_in_scene(world, scope, held, buffers):  # type: ignore[no-untyped-def
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def contact(world, scope, q, known, held, buffers):  # type: ignore[no-untyped-def]
     """Return the first contact of a configuration.
 

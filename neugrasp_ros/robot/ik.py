@@ -19,7 +19,7 @@ from neugrasp_ros.robot.chain import SerialChain, fill_jacobian, tip_and_axes
 
 MU, EPS = 0.02, 1e-6  # damping, relative and floor, at errors of the order of 1
 POLISH = 1  # steps more once inside the tolerance, so that paths come out smooth
-STALL_STEPS = 5  # in which the error must halve
+STALL_STEPS = 4  # in which the error must halve
 MAX_STEP = 0.8  # [rad] or [m], of any joint in one iteration
 
 
@@ -144,14 +144,25 @@ def _move(problem, q, jacobian, error, damping, scratch):  # type: ignore[no-unt
 
 
 @njit(cache=True, error_model="numpy")
-def solve_from(problem, target_rotation, target_position, q):  # type: ignore[no-untyped-def]
+def make_scratch(joints):  # type: ignore[no-untyped-def]
+    """Allocate what solving for an arm of ``joints`` joints writes on its way."""
+    return (
+        np.empty((3, 3)),
+        np.empty(3),
+        np.empty((joints, 3)),
+        np.empty((joints, 3)),
+        np.empty((6, joints)),
+        np.empty(6),
+        np.empty(joints),
+        (np.empty((6, 6)), np.empty(6), np.empty(joints), np.empty(joints)),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def solve_from(problem, target_rotation, target_position, q, scratch):  # type: ignore[no-untyped-def]
     """Move ``q`` (n,), in place, until its tip is at the target; return success."""
-    joints = q.shape[0]
-    rotation, position = np.empty((3, 3)), np.empty(3)
-    axes, origins = np.empty((joints, 3)), np.empty((joints, 3))
-    jacobian, error = np.empty((6, joints)), np.empty(6)
-    scratch = (np.empty((6, 6)), np.empty(6), np.empty(joints), np.empty(joints))
-    checkpoint, inside, best = np.inf, 0, np.empty(joints)
+    rotation, position, axes, origins, jacobian, error, best, equations = scratch
+    checkpoint, inside = np.inf, 0
     for iteration in range(problem.max_iterations + 1):
         tip_and_axes(problem.chain, q, rotation, position, axes, origins)
         distance, angle = _pose_error(
@@ -166,40 +177,74 @@ def solve_from(problem, target_rotation, target_position, q):  # type: ignore[no
             q[:] = best  # polishing left the tolerance: stay where it was kept
             return True
         size = distance + 0.3 * angle
-        if not inside and iteration % STALL_STEPS == STALL_STEPS - 1:
+        if not inside and iteration % STALL_STEPS == 0:
             if size > 0.5 * checkpoint:
                 return False  # stuck: the next seed is the better use of time
             checkpoint = size
         fill_jacobian(problem.chain, position, axes, origins, jacobian)
-        _move(problem, q, jacobian, error, MU * size * size + EPS, scratch)
-    q[:] = best if inside else q
+        _move(problem, q, jacobian, error, MU * size * size + EPS, equations)
+    if inside:
+        q[:] = best
     return inside > 0
 
 
 @njit(cache=True, error_model="numpy")
-def solve_batch(problem, targets, seeds, first, solutions, used):  # type: ignore[no-untyped-def]
-    """Solve for each target from the first seed that leads there.
+def solve_near(problem, target, seeds, first, q, scratch):  # type: ignore[no-untyped-def]
+    """Solve for one target from the first seed that leads there.
 
     Args:
         problem: Arm, bounds, tolerances.
-        targets: Poses ``T_base_tip``, shape (N, 4, 4).
+        target: Pose ``T_base_tip``, shape (4, 4).
         seeds: Start configurations, best first, shape (K, n).
-        first: Seed to begin with for each target, shape (N,); K skips the target.
-        solutions: Receives the configurations, shape (N, n).
-        used: Receives the number of the seed that led there, K where none did.
+        first: Seed to begin with; K = none.
+        q: Receives the configuration, shape (n,).
+        scratch: From ``make_scratch``.
+
+    Returns:
+        Number of the seed that led there, K if none did.
     """
-    for i in range(targets.shape[0]):
-        used[i] = seeds.shape[0]
-        for k in range(first[i], seeds.shape[0]):
-            solutions[i] = seeds[k]
-            if solve_from(problem, targets[i, :3, :3], targets[i, :3, 3], solutions[i]):
-                used[i] = k
-                break
+    for k in range(first, seeds.shape[0]):
+        q[:] = seeds[k]
+        if solve_from(problem, target[:3, :3], target[:3, 3], q, scratch):
+            return k
+    return seeds.shape[0]
+
+
+@njit(cache=True, error_model="numpy")
+def follow_way(problem, targets, start, max_change, way, scratch):  # type: ignore[no-untyped-def]
+    """Follow a sequence of close poses, each solved from where the last two lead.
+
+    Args:
+        problem: Arm, bounds, tolerances.
+        targets: Poses ``T_base_tip``, shape (S, 4, 4).
+        start: Configuration before the first pose, shape (n,).
+        max_change: Largest change of a joint between two poses in [rad] or [m].
+        way: Receives the configurations, shape (S, n).
+        scratch: From ``make_scratch``.
+
+    Returns:
+        How many poses were reached before the way broke.
+    """
+    for s in range(targets.shape[0]):
+        previous = way[s - 1] if s else start
+        for k in range(start.shape[0]):
+            # as far again as the last step
+            guess = previous[k]
+            if s:
+                guess += previous[k] - (way[s - 2, k] if s > 1 else start[k])
+            way[s, k] = min(max(guess, problem.lower[k]), problem.upper[k])
+        target = targets[s]
+        if not solve_from(problem, target[:3, :3], target[:3, 3], way[s], scratch):
+            return s
+        for k in range(start.shape[0]):
+            if abs(way[s, k] - previous[k]) > max_change:
+                return s
+    return targets.shape[0]
 
 
 @njit(cache=True, error_model="numpy")
 def follow_batch(problem, targets, starts, max_change, paths, reached):  # type: ignore[no-untyped-def]
-    """Follow sequences of close poses, each solved from the one before.
+    """Follow N sequences of close poses, see ``follow_way``.
 
     Args:
         problem: Arm, bounds, tolerances.
@@ -209,16 +254,34 @@ def follow_batch(problem, targets, starts, max_change, paths, reached):  # type:
         paths: Receives the configurations, shape (N, S, n).
         reached: Receives how many poses were reached before the path broke, (N,).
     """
+    scratch = make_scratch(starts.shape[1])
     for i in range(targets.shape[0]):
-        previous = starts[i]
-        reached[i] = 0
-        for s in range(targets.shape[1]):
-            paths[i, s] = previous
-            if not solve_from(
-                problem, targets[i, s, :3, :3], targets[i, s, :3, 3], paths[i, s]
-            ):
-                break
-            if np.max(np.abs(paths[i, s] - previous)) > max_change:
-                break
-            previous = paths[i, s]
-            reached[i] += 1
+        reached[i] = follow_way(
+            problem, targets[i], starts[i], max_change, paths[i], scratch
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def reach_volumes(problem, configurations, volumes):  # type: ignore[no-untyped-def]
+    """Write sqrt(det(J J^T)) at the tip.
+
+    Args:
+        problem: The arm.
+        configurations: Joint values, shape (N, n).
+        volumes: Receives the volumes, shape (N,).
+    """
+    joints = configurations.shape[1]
+    rotation, position, axes, origins, jacobian, error, free, equations = make_scratch(
+        joints
+    )
+    error[:], free[:] = 0.0, 1.0
+    for i in range(configurations.shape[0]):
+        tip_and_axes(
+            problem.chain, configurations[i], rotation, position, axes, origins
+        )
+        fill_jacobian(problem.chain, position, axes, origins, jacobian)
+        _fill_gram(jacobian, free, 0.0, equations[0])
+        _solve_cholesky(equations[0], error, equations[1])
+        volumes[i] = 1.0
+        for k in range(6):
+            volumes[i] /= equations[0][k, k]  # the factor's diagonal, inverted

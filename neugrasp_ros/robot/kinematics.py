@@ -9,9 +9,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import ShapeError
-from neugrasp_ros.robot.chain import chain_jacobians, chain_poses
-from neugrasp_ros.robot.ik import IkProblem, follow_batch, solve_batch
+from neugrasp_ros.robot.chain import chain_poses
+from neugrasp_ros.robot.ik import IkProblem, follow_batch, reach_volumes
 from neugrasp_ros.robot.model import RobotModel, gripper_from_tcp, tcp_from_gripper
+from neugrasp_ros.robot.postures import Starts, solve_batch
 from neugrasp_ros.robot.seeds import CELL, load_knowledge
 from neugrasp_ros.robot.settings import IkConfig
 
@@ -29,7 +30,8 @@ class IkSolutions(NamedTuple):
     Attributes:
         q: Joint values of the group, shape (N, n); of no meaning where not reached.
         reached: Within tolerance and inside the limits with margin, shape (N,).
-        seed: Number of the seed that led there, K where none did, shape (N,).
+        seed: Number of the start that led there, K where none did, shape (N,). With
+            ``near``, that is number 0; the stored postures follow, the best first.
     """
 
     q: FloatArray
@@ -48,6 +50,7 @@ class ArmKinematics:
         indices: Where its joints stand in a configuration, shape (n,).
         lower: Lower bounds with margin in [rad] or [m], shape (n,).
         upper: Upper bounds with margin, shape (n,).
+        problem: The same and more, as compiled code takes it.
     """
 
     def __init__(
@@ -63,7 +66,7 @@ class ArmKinematics:
             robot: The robot.
             group: A planning group with a hand.
             config: Tolerances and margins.
-            cache: Folder of precomputed seeds; default the user's cache.
+            cache: Folder of stored postures; default the user's cache.
 
         Raises:
             RobotModelError: If there is no such group.
@@ -77,19 +80,21 @@ class ArmKinematics:
         self.lower, self.upper = chain.lower + margin, chain.upper - margin
         weights = np.where(chain.prismatic, config.slide_weight, 1.0)
         tolerance = (config.tol_position, config.tol_rotation)
-        self._problem = IkProblem(
+        self.problem = IkProblem(
             chain, self.lower, self.upper, weights, tolerance, config.max_iterations
         )
         widening = np.where(chain.prismatic, SLIDE_WIDENING, WIDENING)
-        self._widened = self._problem._replace(
+        self._widened = self.problem._replace(
             lower=chain.lower - widening, upper=chain.upper + widening
         )
-        self._known = load_knowledge(self._problem, cache)
-        self._seeds = np.ascontiguousarray(self._known.seeds[: config.restarts])
+        self._known = load_knowledge(self.problem, cache)
+        self._restarts = config.restarts
+        self._speeds = robot.limits.velocity[self.indices]
+        self._middle = (self.lower + self.upper) / 2
 
     def forward(self, q: FloatArray) -> FloatArray:
         """Return gripper poses ``T_base_gripper`` (N, 4, 4) of joint values (N, n)."""
-        return gripper_from_tcp(chain_poses(self._problem.chain, _rows(q)))
+        return gripper_from_tcp(chain_poses(self.problem.chain, _rows(q)))
 
     def may_reach(self, T_base_grippers: FloatArray) -> BoolArray:
         """Return quickly which grasps are not out of the question, shape (N,)."""
@@ -105,6 +110,7 @@ class ArmKinematics:
         T_base_grippers: FloatArray,
         *,
         near: FloatArray | None = None,
+        towards: FloatArray | None = None,
         after: IntArray | None = None,
         seeds: int | None = None,
     ) -> IkSolutions:
@@ -112,38 +118,54 @@ class ArmKinematics:
 
         Args:
             T_base_grippers: Gripper poses, shape (N, 4, 4).
-            near: Joint values (n,) to try first, such as the current ones.
-            after: Last seed that was used for each grasp, shape (N,), to get another
+            near: Joint values (n,) to start from first, such as the current ones.
+            towards: Joint values (n,) near which answers are preferred; default
+                ``near``, and without it, the middle of the limits.
+            after: Last start that was used for each grasp, shape (N,), to get another
                 solution than that one's.
-            seeds: How many seeds to stop at; default all.
+            seeds: How many starts to stop at; default all.
 
         Returns:
             Solutions inside the limits with margin.
         """
         targets = _targets(T_base_grippers)
-        starts = self._seeds
+        shared = np.zeros((0, len(self.lower)))
         if near is not None:
-            inside = np.clip(near, self.lower, self.upper)
-            starts = np.concatenate([inside[None], starts])
-        starts = starts[:seeds]
+            shared = np.clip(near, self.lower, self.upper)[None]
+            towards = near if towards is None else towards
+        count = len(shared) + self._restarts
+        count = count if seeds is None else min(count, seeds)
+        starts = self._starts(count, shared[:count], towards)
         first = np.zeros(len(targets), dtype=np.int64)
         if after is not None:
-            first = np.minimum(np.asarray(after, dtype=np.int64) + 1, len(starts))
-        first[~self.may_reach(T_base_grippers)] = len(starts)
+            first = np.minimum(np.asarray(after, dtype=np.int64) + 1, count)
+        first[~self.may_reach(T_base_grippers)] = count
         q = np.zeros((len(targets), len(self.lower)))
         used = np.empty(len(targets), dtype=np.int64)
-        solve_batch(self._problem, targets, starts, first, q, used)
-        return IkSolutions(q, used < len(starts), used)
+        solve_batch(self.problem, starts, targets, first, q, used)
+        return IkSolutions(q, used < count, used)
+
+    def _starts(
+        self, count: int, shared: FloatArray, towards: FloatArray | None
+    ) -> Starts:
+        return Starts(
+            shared=np.ascontiguousarray(shared, dtype=np.float64),
+            table=self._known.table,
+            wrist=self._known.wrist,
+            towards=self._middle if towards is None else np.asarray(towards),
+            speeds=self._speeds,
+            tries=count,
+        )
 
     def reaches_beyond_limits(self, T_base_grippers: FloatArray) -> BoolArray:
         """Return which grasps a longer joint travel would reach, shape (N,)."""
         targets = _targets(T_base_grippers)
         q = np.zeros((len(targets), len(self.lower)))
         used = np.empty(len(targets), dtype=np.int64)
-        seeds = self._seeds[:1]
+        starts = self._starts(1, q[:0], None)
         first = np.zeros(len(targets), dtype=np.int64)
-        solve_batch(self._widened, targets, seeds, first, q, used)
-        return np.asarray(used < len(seeds))
+        solve_batch(self._widened, starts, targets, first, q, used)
+        return np.asarray(used < 1)
 
     def follow(
         self, T_base_grippers: FloatArray, starts: FloatArray, *, max_change: float
@@ -163,15 +185,15 @@ class ArmKinematics:
         paths = np.zeros((count, length, len(self.lower)))
         reached = np.zeros(count, dtype=np.int64)
         starts = np.ascontiguousarray(starts)
-        follow_batch(self._problem, targets, starts, max_change, paths, reached)
+        follow_batch(self.problem, targets, starts, max_change, paths, reached)
         return paths, reached
 
     def manipulability(self, q: FloatArray) -> FloatArray:
         """Return sqrt(det(J J^T)) of joint values (N, n) over the arm's best, 0..1."""
-        jacobians = chain_jacobians(self._problem.chain, _rows(q))
-        gram = jacobians @ np.swapaxes(jacobians, -1, -2)
-        volume = np.sqrt(np.clip(np.linalg.det(gram), 0.0, None))
-        return np.asarray(np.clip(volume / self._known.best_manipulability, 0.0, 1.0))
+        rows = _rows(q)
+        volumes = np.empty(len(rows))
+        reach_volumes(self.problem, rows, volumes)
+        return np.asarray(np.clip(volumes / self._known.best_manipulability, 0.0, 1.0))
 
 
 def _rows(q: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ class World(NamedTuple):
     obstacles: Obstacles
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _place(hulls, moved, rotations, positions, centers, axes):  # type: ignore[no-untyped-def]
     """Write the bounding boxes' centres and axes of moved bodies in the base frame."""
     own_centers, own_axes = hulls.centers, hulls.axes
@@ -52,7 +52,7 @@ def _place(hulls, moved, rotations, positions, centers, axes):  # type: ignore[n
                 )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _place_balls(own, moved, rotations, positions, balls):  # type: ignore[no-untyped-def]
     """Write the centres of the moved bodies' balls in the base frame."""
     for body in range(balls.shape[0]):
@@ -68,7 +68,7 @@ def _place_balls(own, moved, rotations, positions, balls):  # type: ignore[no-un
             )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def pose_world(world, q, known, buffers):  # type: ignore[no-untyped-def]
     """Pose all bodies, or those that moved since the configuration ``known``.
 

@@ -17,17 +17,19 @@ from numpy.typing import NDArray
 from neugrasp_ros.errors import RobotModelError, ShapeError
 from neugrasp_ros.geometry.transform import flip_gripper
 from neugrasp_ros.robot.collision import CollisionChecker
-from neugrasp_ros.robot.contact import FREE, HAND, SELF
+from neugrasp_ros.robot.contact import FREE, SELF
 from neugrasp_ros.robot.kinematics import ArmKinematics
-from neugrasp_ros.robot.model import RobotModel
+from neugrasp_ros.robot.model import RobotModel, tcp_from_gripper
 from neugrasp_ros.robot.obstacles import Obstacles
 from neugrasp_ros.robot.settings import IkConfig, ReachabilityConfig
+from neugrasp_ros.robot.ways import UNTRIED, WayProblem, Ways, no_answers, try_ways
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-FIRST_SEEDS = 3  # tried on every grasp; the others only where these find nothing
+FIRST_STARTS = 2  # of inverse kinematics, tried on every grasp
+MORE_STARTS = 4  # in all, where the first find nothing; the rest are for other ways
 
 
 class Reach(IntEnum):
@@ -44,6 +46,8 @@ class Reach(IntEnum):
 
 PROGRESS = np.array([0, 6, 1, 2, 3, 4, 5])
 """How far a code got, by its number: of several tries the farthest is reported."""
+BY_PROGRESS = np.argsort(PROGRESS)
+"""The code that got so far."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,6 +181,7 @@ class _Search:
         self.checker, self.config, self.start = checker, checker.config, start
         self.obstacles = obstacles if self.config.check_scene_collision else None
         self.arms = [checker.arms[name] for name in names]
+        self.problems = tuple(self._problem(arm) for arm in self.arms)
         self.openings: FloatArray | None = None
         # both sides of every grasp, the twins behind
         self.poses = np.concatenate([T_base_grippers, flip_gripper(T_base_grippers)])
@@ -198,25 +203,30 @@ class _Search:
             lift=np.full((count, up + 1, width), np.nan),
         )
 
+    def _problem(self, arm: ArmKinematics) -> WayProblem:
+        collisions = self.checker.collisions
+        return WayProblem(
+            world=collisions.world(self.obstacles),
+            scope=collisions.scope(arm.group),
+            joints=arm.indices,
+            ik=arm.problem,
+            max_change=self.config.max_joint_change,
+            held_radius=self.config.held_radius,
+        )
+
     def run(self) -> ReachResult:
         """Try the ways of each grasp, the best first, until one works."""
         count = len(self.result)
         sides = np.arange(2 * count)
-        ways = self._solve_all(sides, FIRST_SEEDS)
+        ways = self._solve_all(sides, FIRST_STARTS)
         rest = ~np.isin(sides % count, ways.grasps)
-        more = self._solve_all(sides[rest], None, after=FIRST_SEEDS - 1)
+        more = self._solve_all(sides[rest], MORE_STARTS, after=FIRST_STARTS - 1)
         ways = _Ways(*(np.concatenate(pair) for pair in zip(ways, more, strict=True)))
         self._tell_limits(~np.isin(np.arange(count), ways.grasps))
-        for attempt in range(1 + self.config.retries):
-            if attempt:
-                ways = self._other_solutions(ways)
-            untried = np.ones(len(ways.grasps), dtype=bool)
-            while len(rows := self._best_open(ways, untried)):
-                untried[rows] = False
-                for number in range(len(self.arms)):
-                    mine = rows[ways.arms[rows] == number]
-                    if len(mine):
-                        self._try(number, ways.take(mine))
+        self._try(ways)
+        for _ in range(self.config.retries):
+            ways = self._other_solutions(ways)
+            self._try(ways)
         return self.result
 
     def _solve_all(self, sides: IntArray, seeds: int | None, after: int = -1) -> _Ways:
@@ -245,16 +255,17 @@ class _Search:
         """Solve some sides with one arm, keeping what is nimble enough."""
         arm = self.arms[number]
         near = self.start[arm.indices]
-        found = arm.solve(self.poses[sides], near=near, seeds=seeds, after=after)
+        found = arm.solve(self.poses[sides], towards=near, seeds=seeds, after=after)
         q, sides = found.q[found.reached], sides[found.reached]
         speed = self.checker.robot.limits.velocity[arm.indices]
         seconds = np.max(np.abs(q - near) / speed, axis=1, initial=0.0)
         manipulability = arm.manipulability(q)
+        more = self.result.approach.shape[2] - q.shape[1]  # another arm's joints
         ways = _Ways(
             grasps=sides % len(self.result),
             arms=np.full(len(sides), number),
             flipped=sides >= len(self.result),
-            q=np.pad(q, ((0, 0), (0, self.result.approach.shape[2] - q.shape[1]))),
+            q=np.pad(q, ((0, 0), (0, more)), constant_values=np.nan),
             seeds=found.seed[found.reached],
             manipulability=manipulability,
             scores=manipulability - self.config.travel_weight * seconds,
@@ -278,83 +289,51 @@ class _Search:
             beyond = arm.reaches_beyond_limits(self.poses[rows])
             self.result.codes[rows[beyond]] = Reach.LIMITS
 
-    def _best_open(self, ways: _Ways, untried: BoolArray) -> IntArray:
-        """Return the best untried way of each grasp that is still open."""
-        rows = np.flatnonzero(untried & ~self.closed[ways.grasps])
-        rows = rows[np.argsort(-ways.scores[rows], kind="stable")]
-        return np.asarray(rows[np.unique(ways.grasps[rows], return_index=True)[1]])
+    def _try(self, ways: _Ways) -> None:
+        """Try the ways of each open grasp, the best first, and note how far they got.
 
-    def _try(self, number: int, ways: _Ways) -> None:
-        """Check one way of each of some grasps and note how far it got."""
-        ways = ways._replace(q=ways.q[:, : len(self.arms[number].lower)])
-        codes = self._contacts(number, ways.q[:, None], ways)
-        reach = np.where(codes == SELF, Reach.SELF_COLLISION, Reach.SCENE_COLLISION)
-        reach[codes == FREE] = Reach.NO_APPROACH
-        free = np.flatnonzero(codes == FREE)
-        approach, lift, complete = self._paths(number, ways.take(free))
-        reach[free[complete]] = Reach.OK
-        self._note(number, ways, reach)
-        done, n = ways.grasps[free[complete]], ways.q.shape[1]
-        self.result.approach[done, :, :n] = approach[complete]
-        self.result.lift[done, :, :n] = lift[complete]
+        Where the hand itself hits the scene, no other way helps.
+        """
+        ways = ways.take(np.lexsort([-ways.scores, ways.grasps]))
+        asked = self._walks(ways)
+        answers = no_answers(asked)
+        try_ways(self.problems, asked, self.closed, answers)
+        at_grasp, on_way = answers.at_grasp, answers.on_way
+        reach = np.where(at_grasp == SELF, Reach.SELF_COLLISION, Reach.SCENE_COLLISION)
+        reach[at_grasp == FREE] = Reach.NO_APPROACH
+        reach[at_grasp == UNTRIED] = Reach.UNKNOWN
+        good = (at_grasp == FREE) & (on_way == FREE)
+        reach[good] = Reach.OK
+        result, done = self.result, ways.grasps[good]
+        farthest = PROGRESS[result.codes]
+        np.maximum.at(farthest, ways.grasps, PROGRESS[reach])
+        result.codes[:] = BY_PROGRESS[farthest]
+        result.arms[done] = ways.arms[good]
+        result.flipped[done] = ways.flipped[good]
+        result.manipulability[done] = ways.manipulability[good]
+        result.approach[done, :-1] = answers.retreats[good, ::-1]
+        result.approach[done, -1] = result.lift[done, 0] = ways.q[good]
+        result.lift[done, 1:] = answers.lifts[good]
+        result.q[done] = asked.starts[good]
+        for number, arm in enumerate(self.arms):
+            rows = done[ways.arms[good] == number]
+            n = len(arm.indices)
+            result.q[rows[:, None], arm.indices] = result.lift[rows, 0, :n]
 
-    def _note(self, number: int, ways: _Ways, reach: IntArray) -> None:
-        result = self.result
-        better = PROGRESS[reach] > PROGRESS[result.codes[ways.grasps]]
-        result.codes[ways.grasps[better]] = reach[better]
-        good = ways.take(reach == Reach.OK)
-        self.closed[good.grasps] = True
-        result.arms[good.grasps] = number
-        result.flipped[good.grasps] = good.flipped
-        result.manipulability[good.grasps] = good.manipulability
-        configurations = self._starts(good)
-        configurations[:, self.arms[number].indices] = good.q
-        result.q[good.grasps] = configurations
-
-    def _paths(
-        self, number: int, ways: _Ways
-    ) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return approach and lift as joint values, and which are whole and free."""
-        arm, change = self.arms[number], self.config.max_joint_change
+    def _walks(self, ways: _Ways) -> Ways:
+        """Return the ways as compiled code takes them."""
         grasp = self.poses[ways.grasps + len(self.result) * ways.flipped]
-        behind = np.repeat(grasp[:, None], len(self.back), axis=1)
-        behind[:, :, :3, 3] -= self.back[:, None] * grasp[:, None, :3, 2]
-        above = np.repeat(grasp[:, None], len(self.up), axis=1)
-        above[:, :, 2, 3] += self.up
-        retreat, far_back = arm.follow(behind, ways.q, max_change=change)
-        lift, far_up = arm.follow(above, ways.q, max_change=change)
-        complete = (far_back == len(self.back)) & (far_up == len(self.up))
-        rows = np.flatnonzero(complete)
-        held = np.column_stack(
-            [grasp[rows, :3, 3], np.full(len(rows), self.config.held_radius)]
+        above = np.repeat(grasp[:, None, :3, 3], len(self.up), axis=1)
+        above[:, :, 2] += self.up
+        return Ways(
+            grasps=ways.grasps,
+            arms=ways.arms,
+            starts=self._starts(ways),
+            q=ways.q,
+            targets=tcp_from_gripper(grasp),
+            behind=grasp[:, None, :3, 3] - self.back[:, None] * grasp[:, None, :3, 2],
+            above=above,
         )
-        # from the far ends, where the arm has moved most
-        checked = self._contacts(number, retreat[rows, ::-1], ways.take(rows))
-        rows, held = rows[checked == FREE], held[checked == FREE]
-        complete[:] = False
-        checked = self._contacts(number, lift[rows, ::-1], ways.take(rows), held)
-        complete[rows[checked == FREE]] = True
-        here = ways.q[:, None]
-        approach = np.concatenate([retreat[:, ::-1], here], axis=1)
-        return approach, np.concatenate([here, lift], axis=1), complete
-
-    def _contacts(
-        self,
-        number: int,
-        paths: FloatArray,
-        ways: _Ways,
-        held: FloatArray | None = None,
-    ) -> IntArray:
-        """Check paths; where the hand itself hits the scene, no other way helps."""
-        codes = self.checker.collisions.path_codes(
-            paths,
-            self._starts(ways),
-            self.arms[number].group,
-            obstacles=self.obstacles,
-            held=held,
-        )
-        self.closed[ways.grasps[codes == HAND]] = True
-        return codes
 
     def _starts(self, ways: _Ways) -> FloatArray:
         """Return the present configuration, with the jaws opened for each grasp."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of an arm before any question: good IK seeds and a reach map.
+"""What is known of an arm before any question: stored postures and a reach map.
 
-Both are found by sampling, in about a second, and kept in the user's cache under a name
+Both are found by sampling, in some seconds, and kept in the user's cache under a name
 that changes with the arm and with this module's version.
 """
 
@@ -13,20 +13,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from neugrasp_ros.robot.chain import SerialChain, chain_jacobians, chain_poses
-from neugrasp_ros.robot.ik import IkProblem, solve_from
+from neugrasp_ros.robot.ik import IkProblem
+from neugrasp_ros.robot.postures import CELL as POSTURE_CELL
+from neugrasp_ros.robot.postures import PER_CELL, PostureTable, make_table
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-VERSION = 1  # of what is stored; part of the file's name
+VERSION = 2  # of what is stored; part of the file's name
 CELL = 0.04  # [m]; wrist-centre map
-SAMPLES = 1_000_000  # configurations behind the map
-CANDIDATES, EXAMINEES = 96, 400  # seeds to choose from, poses they are tried on
+SAMPLES = 1_000_000  # configurations behind the map and the stored postures
+UPWARD = 0.3  # largest z of an approach that is worth a stored posture
 
 logger = logging.getLogger(__name__)
 
@@ -35,7 +36,7 @@ class ArmKnowledge(NamedTuple):
     """Precomputed facts of one arm.
 
     Attributes:
-        seeds: Start configurations, the most useful first, shape (K, n).
+        table: Postures to start from.
         wrist: A point fixed to the tip, in the tip frame in [m], shape (3,). With a
             spherical wrist it is the wrist centre, which orientation does not move.
         origin: Lower corner of the map in the base frame in [m], shape (3,).
@@ -43,7 +44,7 @@ class ArmKnowledge(NamedTuple):
         best_manipulability: Of the samples, the 99th percentile of sqrt(det(J J^T)).
     """
 
-    seeds: FloatArray
+    table: PostureTable
     wrist: FloatArray
     origin: FloatArray
     cells: BoolArray
@@ -61,23 +62,30 @@ def load_knowledge(problem: IkProblem, cache: Path | None = None) -> ArmKnowledg
     path = folder / f"arm-{_fingerprint(problem)}.npz"
     if path.is_file():
         try:
-            with np.load(path) as stored:
-                return ArmKnowledge(**{n: stored[n] for n in ArmKnowledge._fields})
+            return _load(path)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
             logger.warning("%s is damaged (%s); working it out again", path, error)
     knowledge = learn_arm(problem, np.random.default_rng(0))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(f".{os.getpid()}.npz")
-        np.savez_compressed(partial, **knowledge._asdict())
+        rest = {k: v for k, v in knowledge._asdict().items() if k != "table"}
+        np.savez(partial, **knowledge.table._asdict(), **rest)
         partial.replace(path)
     except OSError as error:
         logger.warning("cannot store %s: %s", path, error)
     return knowledge
 
 
+def _load(path: Path) -> ArmKnowledge:
+    with np.load(path) as stored:
+        table = PostureTable(**{n: stored[n] for n in PostureTable._fields})
+        rest = {n: stored[n] for n in ArmKnowledge._fields if n != "table"}
+    return ArmKnowledge(table=table, **rest)
+
+
 def learn_arm(problem: IkProblem, rng: np.random.Generator) -> ArmKnowledge:
-    """Sample an arm's reach and choose its seeds.
+    """Sample an arm's reach, and keep postures from all over it.
 
     Args:
         problem: Arm, bounds and tolerances.
@@ -94,10 +102,10 @@ def learn_arm(problem: IkProblem, rng: np.random.Generator) -> ArmKnowledge:
     jacobians = chain_jacobians(problem.chain, samples[:5000])
     gram = jacobians @ np.swapaxes(jacobians, -1, -2)
     volume = np.sqrt(np.clip(np.linalg.det(gram), 0.0, None))
-    # grasps come from above or from the side: seeds need not serve the others
-    below = poses[: 4 * EXAMINEES, 2, 0] < 0.3
+    # grasps come from above or from the side: postures need not serve the others
+    useful = poses[:, 2, 0] < UPWARD
     return ArmKnowledge(
-        seeds=_choose_seeds(problem, poses[: 4 * EXAMINEES][below][:EXAMINEES], rng),
+        table=make_table(samples[useful], poses[useful], wrist),
         wrist=wrist,
         origin=origin,
         cells=binary_dilation(cells),  # samples leave holes at the border
@@ -150,46 +158,11 @@ def _draw(problem: IkProblem, count: int, rng: np.random.Generator) -> FloatArra
     return rng.uniform(problem.lower, problem.upper, (count, len(problem.lower)))
 
 
-def _choose_seeds(
-    problem: IkProblem, poses: FloatArray, rng: np.random.Generator
-) -> FloatArray:
-    """Order random seeds so that each one adds most to what those before reach."""
-    candidates = _draw(problem, CANDIDATES, rng)
-    candidates[0] = (problem.lower + problem.upper) / 2
-    solved = np.zeros((CANDIDATES, len(poses)), dtype=bool)
-    _examine(problem, np.ascontiguousarray(poses), candidates, solved)
-    left = np.ones(len(poses), dtype=bool)
-    order: list[int] = []
-    while len(order) < CANDIDATES:
-        gain = (solved & left).sum(axis=1)
-        gain[order] = -1
-        best = int(np.argmax(gain))
-        order.append(best)
-        left &= ~solved[best]
-        if not left.any():
-            left = ~solved[order].sum(axis=0).astype(bool) | _hard(solved, order)
-    return candidates[order]
-
-
-def _hard(solved: BoolArray, order: list[int]) -> BoolArray:
-    """Poses that the seeds chosen so far reach least often."""
-    times = solved[order].sum(axis=0)
-    return np.asarray(times <= times.min())
-
-
-@njit(cache=True)
-def _examine(problem, poses, candidates, solved):  # type: ignore[no-untyped-def]
-    for k in range(candidates.shape[0]):
-        for i in range(poses.shape[0]):
-            q = candidates[k].copy()
-            solved[k, i] = solve_from(problem, poses[i, :3, :3], poses[i, :3, 3], q)
-
-
 def _fingerprint(problem: IkProblem) -> str:
-    digest = hashlib.sha256(f"{VERSION} {CELL} {SAMPLES} {np.__version__}".encode())
-    for array in (*problem.chain, problem.lower, problem.upper, problem.weights):
+    numbers = (VERSION, CELL, SAMPLES, POSTURE_CELL, PER_CELL, UPWARD, np.__version__)
+    digest = hashlib.sha256(repr(numbers).encode())
+    for array in (*problem.chain, problem.lower, problem.upper):
         digest.update(np.ascontiguousarray(array).tobytes())
-    digest.update(repr((problem.tolerance, problem.max_iterations)).encode())
     return digest.hexdigest()[:16]
 
 

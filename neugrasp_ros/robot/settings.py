@@ -13,7 +13,7 @@ class IkConfig(Checked):
     tol_position: float = option(0.001, "Largest position error [m]", 1e-6, 0.01)
     tol_rotation: float = option(0.005, "Largest rotation error [rad]", 1e-6, 0.1)
     max_iterations: int = option(40, "Steps from one seed", 1, 10000)
-    restarts: int = option(8, "Stored seeds tried after the current posture", 1, 64)
+    restarts: int = option(12, "Stored postures that the search starts from", 1, 64)
     joint_margin: float = option(
         0.02, "Distance kept from every joint limit [rad or m]", 0.0, 1.0
     )
@@ -44,7 +44,7 @@ class ReachabilityConfig(Checked):
         0.12, "Scene around the TCP that travels with the hand in a lift [m]", 0.0, 0.5
     )
     retries: int = option(
-        4, "Other solutions tried when one fails in collision or on its path", 0, 16
+        5, "Other solutions tried when one fails in collision or on its path", 0, 16
     )
     travel_weight: float = option(
         0.03, "Manipulability given up to arrive a second earlier [1/s]", 0.0, 1.0

@@ -176,6 +176,14 @@ def test_sampled_candidates_have_no_score_and_can_be_scored_and_checked(bench):
     assert codes == {Grasp.REACH_OK, Grasp.REACH_NO_IK}
 
 
+def test_where_the_base_would_have_to_stand_comes_from_the_other_process(bench):
+    show(bench, RIGHT)
+    report = bench.user.ask(scene=FRESH, arms=["arm_left_torso"]).report
+    assert report.code == DetectionReport.NONE_REACHABLE
+    assert report.suggested_base.header.frame_id == "base_footprint"
+    assert report.suggested_base.pose.position.y == -0.5
+
+
 def test_foreign_grasps_in_other_axes_are_scored_where_they_are(bench):
     show(bench, LEFT)
     bench.user.ask(scene=FRESH)

@@ -98,6 +98,20 @@ def test_another_solution_can_be_asked_for(left, poses):
     assert np.median(apart) > 0.05  # eight joints, six numbers: another posture
 
 
+def test_answers_can_be_drawn_towards_a_posture(robot, left, poses):
+    ends = [left.lower, left.upper]
+    answers = [left.solve(poses, towards=end, seeds=1) for end in ends]
+    both = answers[0].reached & answers[1].reached
+    assert both.mean() > 0.5
+    speeds = robot.limits.velocity[left.indices]
+    seconds = [
+        [np.max(np.abs(a.q[both] - end) / speeds, axis=1).mean() for end in ends]
+        for a in answers
+    ]
+    assert seconds[0][0] < seconds[1][0]
+    assert seconds[1][1] < seconds[0][1]
+
+
 def test_seeds_can_be_limited(left, poses):
     few = left.solve(poses, seeds=1)
     assert np.all(few.seed <= 1)
