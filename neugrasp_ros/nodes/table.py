@@ -40,7 +40,7 @@ PROCESSING = (
 COMPOSED = NodeSpec("neugrasp", "neugrasp_ros.nodes.composed", reads_depth=True)
 SIMULATOR = NodeSpec("sim_bridge", "sim_bridge.bridge_node")
 ROBOT_SIMULATOR = NodeSpec("sim_bridge", "sim_bridge.robot_bridge_node")
-EXECUTOR = NodeSpec("grasp_executor", "neugrasp_ros.nodes.grasp_executor")
+EXECUTOR = NodeSpec("grasp_executor", "neugrasp_ros.nodes.grasp_executor", True)
 
 
 def suite(

@@ -9,6 +9,7 @@ import neugrasp_ros
 from neugrasp_ros.nodes.table import (
     COMPOSED,
     DEPTH_TOPICS,
+    EXECUTOR,
     PARAMETERS,
     PROCESSING,
     SIMULATOR,
@@ -35,6 +36,7 @@ def test_every_module_exists():
 
 def test_only_those_who_compare_stamps_follow_the_clock():
     assert clock_users(COMPOSED) == ("tsdf_fusion", "grasp_server")
+    assert clock_users(EXECUTOR) == ("grasp_executor",)
     assert clock_users(SIMULATOR) == ()
     line = ros_arguments(COMPOSED, sim=True)
     assert "tsdf_fusion:use_sim_time:=true" in line
