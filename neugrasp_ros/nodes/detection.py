@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 NEWEST = 0  # a stamp that means the newest transforms
 HINT_TIME = 3.0  # [s] that must be left to look for a place for the base
-BATCH = 64  # candidates scored between two looks at the clock
+BATCH = 128  # candidates scored between two looks at the clock
 PROGRESS = {
     "fusion": 0.05,
     "rendering": 0.15,
