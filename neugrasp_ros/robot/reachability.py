@@ -28,8 +28,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-FIRST_STARTS = 2  # of inverse kinematics, tried on every grasp
-MORE_STARTS = 4  # in all, where the first find nothing; the rest are for other ways
+FIRST_STARTS = 1  # of inverse kinematics, tried on every grasp
+MORE_STARTS = 3  # in all, where the first find nothing; the rest are for other ways
 
 
 class Reach(IntEnum):
