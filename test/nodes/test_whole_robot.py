@@ -28,7 +28,6 @@ from neugrasp_ros.nodes.conversions import to_pose  # noqa: E402
 from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
 from neugrasp_ros.nodes.grasp_executor import GraspExecutorNode  # noqa: E402
 from neugrasp_ros.nodes.runtime import SpinThread, prepare  # noqa: E402
-from neugrasp_ros.nodes.table import COMPOSED, ros_arguments  # noqa: E402
 from neugrasp_ros.robot.model import load_robot  # noqa: E402
 from sim_bridge.robot_bridge_node import RobotBridgeNode  # noqa: E402
 
@@ -41,14 +40,18 @@ pytestmark = [
 
 BASE = "base_footprint"
 DOWN = np.diag([1.0, -1.0, -1.0])
-ARGUMENTS = ros_arguments(COMPOSED, sim=True)
+HEAD = "/head_front_camera/depth_registered"
+REMAPS = [
+    "-r", f"depth/image:={HEAD}/image_raw",
+    "-r", f"depth/camera_info:={HEAD}/camera_info",
+]  # fmt: skip
 LONG = 300.0  # [s]; a busy machine simulates slowly
 SIMULATED = {
     "realtime_factor": 4.0, "clock_rate": 10.0, "camera.rate": 2.0,
     "camera.width": 320, "camera.height": 240,
     "kind": "table:packed", "seed": 5, "count": 2,
 }  # fmt: skip
-QUIET = {"streaming": False, "max_depth_age": 0.0}
+QUIET = {"streaming": False, "max_depth_age": 0.0, "use_sim_time": True}
 PATIENT = {"fresh_view": 60.0, "mover.timeout": 30.0, "use_sim_time": True}
 CANDIDATES = 64  # enough for two objects
 
@@ -100,7 +103,7 @@ class Cell:
         self.suite = Suite(
             others,
             **options(QUIET),
-            cli_args=ARGUMENTS,
+            cli_args=["--ros-args", *REMAPS],
             context=context,
         )
         self.arms = GraspExecutorNode(**options(PATIENT), context=context)
