@@ -66,6 +66,10 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(
             f"--engine: expected local or dask ADDRESS, got {args.engine}"
         )
+    if args.weights and not args.chosen:
+        raise ConfigError("--weights says whose choice is labelled: give --chosen too")
+    if args.trials < 1:
+        raise ConfigError(f"--trials must be positive, got {args.trials}")
     plan = RunPlan(
         objects=tuple(args.objects.split(",")),
         kind=args.kind,

@@ -10,7 +10,7 @@ import errno
 import json
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 
 from neugrasp_ros.datagen.jobs import RunPlan
@@ -23,6 +23,7 @@ from neugrasp_ros.datagen.labels import (
 from neugrasp_ros.datagen.pool import Outcome, run_dask, run_local
 from neugrasp_ros.datagen.shards import done_indices, next_shard_path, write_shard
 from neugrasp_ros.errors import ConfigError, ShardError
+from neugrasp_ros.model import file_sha256
 
 SHARD_SCENES = 100  # about 200 kB, rewritten whenever a scene is added
 PLAN_FILE = "plan.json"
@@ -176,12 +177,20 @@ def _check_plan(plan: RunPlan, folder: Path) -> None:
     """Keep the plan beside the shards; a folder holds one plan, of any length."""
     path = folder / PLAN_FILE
     record = json.loads(json.dumps(asdict(plan)))
+    if plan.weights:  # what is in the file, wherever it lies
+        record["weights"] = file_sha256(Path(plan.weights))
     if path.is_file():
         before = json.loads(path.read_text())
+        missing = {
+            item.name: item.default
+            for item in fields(RunPlan)
+            if item.default is not MISSING
+        }
+        before = missing | before
         changed = {
-            key: (before[key], value)
+            key: (before.get(key), value)
             for key, value in record.items()
-            if key in before and key != "n_scenes" and before[key] != value
+            if key != "n_scenes" and before.get(key) != value
         }
         if changed:
             raise ConfigError(f"{folder} was begun with another plan: {changed}")

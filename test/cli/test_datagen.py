@@ -75,3 +75,14 @@ def test_the_engine_needs_an_address_when_it_is_dask(calls):
         args = parse("--out", "d", "--engine", *words)
         with pytest.raises(ConfigError, match="--engine"):
             args.run(args)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(("--weights", "w"), "give --chosen too"), (("--trials", "0"), "positive, got 0")],
+)
+def test_what_makes_no_sense_is_refused(calls, words, message):
+    args = parse("--out", "d", *words)
+    with pytest.raises(ConfigError, match=message):
+        args.run(args)
+    assert not calls

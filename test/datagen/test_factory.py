@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 import errno
+import json
 import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,3 +108,34 @@ def test_a_folder_holds_one_plan(tmp_path):
     run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
     with pytest.raises(ConfigError, match="begun with another plan.*seed"):
         run_factory(plan(1, seed=9), tmp_path, n_workers=0, work=label_or_fail)
+
+
+def test_an_older_plan_without_a_field_had_its_default(tmp_path):
+    run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
+    path = tmp_path / "plan.json"
+    record = json.loads(path.read_text())
+    del record["weights"]
+    path.write_text(json.dumps(record))
+    run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
+    del record["seed"]
+    path.write_text(json.dumps(record))
+    with pytest.raises(ConfigError, match="begun with another plan.*seed"):
+        run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
+    weights = tmp_path / "some.safetensors"
+    weights.write_bytes(b"one")
+    chosen = replace(plan(1), weights=str(weights))
+    with pytest.raises(ConfigError, match="begun with another plan.*weights"):
+        run_factory(chosen, tmp_path, n_workers=0, work=label_or_fail)
+
+
+def test_weights_are_known_by_what_is_in_them(tmp_path):
+    weights = [tmp_path / name for name in ("a", "b")]
+    for path in weights:
+        path.write_bytes(b"the same")
+    out = tmp_path / "out"
+    for path in weights:
+        chosen = replace(plan(1), weights=str(path))
+        run_factory(chosen, out, n_workers=0, work=label_or_fail)
+    weights[1].write_bytes(b"others")
+    with pytest.raises(ConfigError, match="begun with another plan.*weights"):
+        run_factory(chosen, out, n_workers=0, work=label_or_fail)
