@@ -24,7 +24,8 @@ from neugrasp_ros.geometry.transform import flip_gripper
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.model import file_sha256, save_network
 from neugrasp_ros.pipeline import GraspPlanner
-from neugrasp_ros.pipeline.evaluation import BATCH
+from neugrasp_ros.pipeline.scoring import BATCH
+from neugrasp_ros.scene.workers import torch_threads
 
 SIZE = 32
 CENTER, RADIUS = np.array([0.15, 0.15, 0.09]), 0.04  # [m]
@@ -321,16 +322,34 @@ def test_each_of_two_threads_has_one_batch_where_the_budget_is_spent(weights, fr
     assert BATCH < len(decision.grasps) <= 2 * BATCH
 
 
-def test_networks_compute_with_one_thread_of_torch_each(weights):
-    before = torch.get_num_threads()
-    seen = []
+def test_networks_compute_with_one_thread_of_torch_each(weights, monkeypatch):
+    seen = {}
+
+    def noted(name, method):
+        def call(*args):
+            seen[name] = torch.get_num_threads()
+            return method(*args)
+
+        return call
+
     planner = planner_of(weights)
     planner._network.scene.encoder.unet.register_forward_hook(
-        lambda *_: seen.append(torch.get_num_threads())
+        noted("encoder", lambda *_: None)
     )
-    planner.encode(seen_volume(), revision=1)
-    assert seen == [1]
-    assert torch.get_num_threads() == before
+    scorer = planner._evaluator._scorer
+    monkeypatch.setattr(scorer, "prepare", noted("prepare", scorer.prepare))
+    monkeypatch.setattr(scorer, "_score_runs", noted("score", scorer._score_runs))
+    with torch_threads(3):
+        planner.decide(seen_volume(), 1, seed=3, max_candidates=4)
+        assert torch.get_num_threads() == 3
+    assert seen == {"encoder": 1, "prepare": 1, "score": 1}
+
+
+def test_a_planner_made_while_another_works_has_all_threads(weights, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    with torch_threads(1):
+        planner = GraspPlanner(PlannerConfig(weights=str(weights), gripper="panda"))
+    assert planner._threads == 3
 
 
 def test_the_reference_finds_the_same_surface_and_scores(weights, fresh):
@@ -383,3 +402,9 @@ def test_a_large_workspace_without_a_thing_has_no_cubes(fresh):
     scene = fresh.encode(volume, revision=1)
     assert len(scene.corners) == 0
     assert len(fresh.sample(scene)) == 0
+    decision = fresh.decide(volume, 1)
+    assert len(decision.grasps) == decision.sampled == 0
+    assert not decision.budget_spent
+    hand = hand_at(np.array([0.2, 0.1, 0.1]), [0, 0, -1], [0, 1, 0])[None]
+    asked = fresh.evaluate(scene, GraspSet(hand, np.array([0.08])))
+    assert asked.quality.tolist() == [0.0]  # of any origin, it closes on nothing

@@ -17,14 +17,13 @@ from neugrasp_ros.grasp.reference_view import render_local_reference
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.pipeline.scenes import EncodedScene
-from neugrasp_ros.pipeline.scoring import Scorer
+from neugrasp_ros.pipeline.scoring import BATCH, Scorer
 from neugrasp_ros.scene.reference import NetworkOccupancy
-from neugrasp_ros.scene.workers import shared
+from neugrasp_ros.scene.workers import shared, torch_threads
 
 FloatArray = NDArray[np.float64]
 
 KEPT_SCORES = 20_000  # grasps of a scene whose scores are kept
-BATCH = 32  # grasps that a thread scores at most between two looks at the clock
 
 
 class Scored(NamedTuple):
@@ -94,10 +93,19 @@ class Evaluator:
             support_height: Height of the support plane in the task frame in [m].
             deadline: Of ``time.perf_counter()`` after which no batch is begun; the
                 first one of each thread always is.
+
+        Returns:
+            The batches that were begun, which have no row in common; none if there are
+            no grasps.
         """
-        self._scorer.prepare(scene)
+        if not len(grasps):
+            return []
+        if not len(scene.corners):
+            return [self._worthless(len(grasps))]
+        with torch_threads(1):
+            self._scorer.prepare(scene)
         n_batches = min(len(grasps), _batches(len(grasps), self._threads))
-        batches = np.array_split(np.arange(len(grasps)), max(n_batches, 1))
+        batches = np.array_split(np.arange(len(grasps)), n_batches)
 
         def run(number: int) -> Scored | None:
             start = time.perf_counter()
@@ -112,6 +120,11 @@ class Evaluator:
 
         found = shared(run, range(n_batches), self._threads)
         return [scored for scored in found if scored is not None]
+
+    def _worthless(self, count: int) -> Scored:
+        """Return scores of grasps in a scene where nothing stands."""
+        affordances = np.zeros((count, len(self._network.config.affordances)))
+        return Scored(np.arange(count), np.zeros(count), affordances, 0.0, 0.0)
 
     def inputs(
         self, scene: EncodedScene, grasps: GraspSet, support_height: float

@@ -30,7 +30,7 @@ from neugrasp_ros.pipeline.scenes import (
 )
 from neugrasp_ros.scene.reference import NetworkOccupancy, render_reference
 from neugrasp_ros.scene.rendering import render_surface, trace_surface
-from neugrasp_ros.scene.workers import torch_threads
+from neugrasp_ros.scene.workers import torch_threads, usual_threads
 
 FloatArray = NDArray[np.float64]
 Box = tuple[FloatArray, FloatArray]
@@ -92,7 +92,7 @@ class GraspPlanner:
         self.affordances = network.config.affordances
         self.encoder_passes = 0
         self.timings: dict[str, float] = {}
-        self._threads = self.config.threads or torch.get_num_threads()
+        self._threads = self.config.threads or usual_threads()
         self._evaluator = Evaluator(
             self._network, self.gripper, self.config, self._threads
         )

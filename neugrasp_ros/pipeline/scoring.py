@@ -20,7 +20,7 @@ from neugrasp_ros.scene.grid_decoder import read_projected
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-CHUNK = 32  # grasps scored together: their activations stay in the cache
+BATCH = 32  # grasps scored together at most: their activations stay in the cache
 
 
 class Scorer:
@@ -61,8 +61,8 @@ class Scorer:
         score = self._score_runs if self._works_on_runs(scene) else self._score
         quality = np.empty(len(cubes))
         affordances = np.empty((len(cubes), len(self._network.config.affordances)))
-        for start in range(0, len(cubes), CHUNK):
-            rows = slice(start, start + CHUNK)
+        for start in range(0, len(cubes), BATCH):
+            rows = slice(start, start + BATCH)
             some = LocalInputs._make(part[rows] for part in inputs)
             logits = score(scene, some, cubes[rows])
             probability = self._network.probability(logits[0])

@@ -118,7 +118,9 @@ def _look_into(
 ) -> tuple[FloatArray, FloatArray]:
     """Return what a box's cameras see in it, and along which rays, (N, 3) each."""
     low, high = box
-    origins, directions = _scene_rays(config, tuple(float(e) for e in high - low))
+    origins, directions = _scene_rays(
+        config, tuple(round(float(e), 6) for e in high - low)
+    )
     origins = low + origins
     distances = march(field, origins, directions, box=box, threads=threads)
     hit = np.flatnonzero(np.isfinite(distances))

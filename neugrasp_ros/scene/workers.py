@@ -5,6 +5,8 @@ Torch's own threads divide every small operation and then wait for the next one 
 loop, which keeps a core from the compiled kernels. Whole pieces of work divide better.
 """
 
+import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -15,6 +17,18 @@ import torch
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+
+def usual_threads() -> int:
+    """Return ``OMP_NUM_THREADS`` where it is set, else the cores of this process.
+
+    Torch's own number is no answer: while another thread is within ``torch_threads``, a
+    thread that asks for the first time is told that one's, and keeps it.
+    """
+    asked = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    if asked.isdecimal() and int(asked) > 0:
+        return int(asked)
+    return len(os.sched_getaffinity(0))
 
 
 @contextmanager
@@ -31,7 +45,17 @@ def torch_threads(count: int) -> Iterator[None]:
 
 @lru_cache(maxsize=4)
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="neugrasp-worker")
+    """Return workers that have one torch thread each, for good; all have begun.
+
+    Torch's number also becomes that of threads to come, so whoever asks for a pool must
+    be within ``torch_threads``, which puts that back afterwards.
+    """
+    pool = ThreadPoolExecutor(
+        threads, "neugrasp-worker", torch.set_num_threads, initargs=(1,)
+    )
+    begun = threading.Barrier(threads)
+    wait([pool.submit(begun.wait) for _ in range(threads)])
+    return pool
 
 
 def shared(
@@ -51,12 +75,12 @@ def shared(
     """
 
     def alone(item: Item) -> Result:
-        with torch_threads(1):
+        with torch.no_grad():
             return run(item)
 
     with torch_threads(1):
         if threads <= 1 or len(items) < 2:
-            return [alone(item) for item in items]
+            return [run(item) for item in items]
         futures = [_pool(threads).submit(alone, item) for item in items]
         wait(futures)
         return [future.result() for future in futures]

@@ -6,6 +6,7 @@ import pytest
 
 from neugrasp_ros.config import RenderConfig
 from neugrasp_ros.geometry.grid import ScalarGrid
+from neugrasp_ros.scene import rendering
 from neugrasp_ros.scene.rendering import render_surface, scene_cameras, thin
 
 EDGE, SIZE = 0.3, 48
@@ -52,6 +53,15 @@ def test_the_sphere_is_covered_but_for_its_foot(sphere):
     assert gaps.max() < 0.015
     lowest = CENTER[2] - RADIUS * np.sin(np.deg2rad(30))  # behind it at 60 degrees
     assert points[:, 2].min() > lowest - 0.002
+
+
+def test_boxes_of_one_size_share_their_rays(sphere):
+    lows = [np.full(3, low) for low in (0.0, 0.1, 0.15)]
+    boxes = [(low, low + 0.12) for low in lows]
+    assert len({tuple(high - low) for low, high in boxes}) > 1  # by rounding
+    rendering._scene_rays.cache_clear()
+    render_surface(sphere, CONFIG, boxes=boxes)
+    assert rendering._scene_rays.cache_info().misses == 1
 
 
 def test_points_keep_their_spacing(sphere):
