@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from neugrasp_ros.benchmark.planning import MIN_QUALITY, Planning, answer, sample
+from neugrasp_ros.benchmark.planning import Planning, answer, sample, worth_trying
 from neugrasp_ros.benchmark.protocol import Look, Plan, Policy
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.geometry.grid import ScalarGrid
@@ -77,7 +77,7 @@ def oracle_policy(name: str, config: PlannerConfig) -> Policy:
         grasps = sample(planner, look, sampled, rng)
         scene = true if "local" in told else completed
         scored = planner.evaluate(scene, grasps, support_height=look.table_height)
-        good = scored.take(scored.quality >= MIN_QUALITY).ranked()
+        good = worth_trying(scored, look.failed)
         return answer(good, planner, completed, grasps)
 
     return choose

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from neugrasp_ros.benchmark.protocol import Look, Plan
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.fusion.tsdf import empty_volume, integrate
+from neugrasp_ros.grasp.ranking import elsewhere_first
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.pipeline import EncodedScene, GraspPlanner
 
@@ -67,6 +68,18 @@ def repeats(poses: FloatArray, failed: tuple[FloatArray, ...]) -> NDArray[np.boo
         cosine = poses[:, :3, 2] @ bad[:3, 2]
         repeat |= near & (cosine > np.cos(REPEAT_ANGLE))
     return repeat
+
+
+def worth_trying(scored: GraspSet, failed: tuple[FloatArray, ...]) -> GraspSet:
+    """Return the grasps that are good enough, in the order to try them.
+
+    Args:
+        scored: Scored grasps.
+        failed: Poses that failed in this round, each (4, 4).
+    """
+    good = scored.take(scored.quality >= MIN_QUALITY)
+    points = np.array([pose[:3, 3] for pose in failed]).reshape(-1, 3)
+    return good.take(elsewhere_first(good.poses[:, :3, 3], good.quality, points))
 
 
 def answer(

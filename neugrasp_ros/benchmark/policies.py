@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from neugrasp_ros.benchmark.oracles import ORACLES, oracle_policy
-from neugrasp_ros.benchmark.planning import MIN_QUALITY, Planning, answer
+from neugrasp_ros.benchmark.planning import Planning, answer, worth_trying
 from neugrasp_ros.benchmark.protocol import Look, Plan, Policy
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.errors import UnknownNameError
@@ -21,7 +21,7 @@ def neugrasp_policy(config: PlannerConfig) -> Policy:
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, scene, grasps = planning.candidates(look, rng)
         scored = planner.evaluate(scene, grasps, support_height=look.table_height)
-        good = scored.take(scored.quality >= MIN_QUALITY).ranked()
+        good = worth_trying(scored, look.failed)
         return answer(good, planner, scene, grasps)
 
     return choose

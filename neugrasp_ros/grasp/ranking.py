@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+FAILURE_REACH = 0.06  # [m] around a failed grasp's TCP: probably the same object
+FAILURE_COST = 0.3  # of quality, for a grasp so near
+
 
 @njit(cache=True, nogil=True)
 def _suppress(
@@ -87,3 +90,23 @@ def spread(
     if len(order):
         rank[order] = np.arange(len(order)) - starts[region.reshape(-1)[order]]
     return np.lexsort((-np.asarray(scores), rank))[:n_max]
+
+
+def elsewhere_first(
+    positions: FloatArray, quality: FloatArray, failed: FloatArray
+) -> IntArray:
+    """Order grasps best first, those where one has failed behind nearly as good ones.
+
+    Why a grasp that looked good has failed is often the object's and cannot be seen,
+    as its mass: then the next one on the same object fails as well.
+
+    Args:
+        positions: TCPs in any frame in [m], shape (G, 3).
+        quality: Shape (G,).
+        failed: TCPs of grasps that failed in this scene, in that frame, shape (F, 3).
+    """
+    quality = np.array(quality, dtype=np.float64)
+    for position in failed:
+        near = np.linalg.norm(positions - position, axis=1) < FAILURE_REACH
+        quality[near] -= FAILURE_COST
+    return np.argsort(-quality, kind="stable")

@@ -2,21 +2,29 @@
 """A client that clears the simulated table, over the same services as any user's."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from threading import Event
 from typing import Any, TypeVar
 
 import numpy as np
-from neugrasp_msgs.msg import DetectionReport, GraspArray, GraspCandidates, TsdfVolume
+from neugrasp_msgs.msg import (
+    DetectionReport,
+    Grasp,
+    GraspArray,
+    GraspCandidates,
+    TsdfVolume,
+)
 from neugrasp_msgs.srv import DetectGrasps, SpawnScene, TryGrasp
+from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image, PointCloud2
 
 from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.grasp.ranking import elsewhere_first
 from neugrasp_ros.nodes.compat.clouds import read_points
 from neugrasp_ros.nodes.compat.images import read_depth
 from neugrasp_ros.nodes.conversions import (
@@ -29,6 +37,7 @@ from neugrasp_ros.nodes.qos import latched, newest, sensor_input
 from neugrasp_ros.nodes.runtime import SPIN_PERIOD, ros
 from neugrasp_ros.pictures.decision import Attempt, Decision
 
+FloatArray = NDArray[np.float64]
 ClientType = TypeVar("ClientType", bound=Node)
 
 FAILURES_TO_STOP = 2  # in a row, as in the benchmark (method sheet, a8)
@@ -198,6 +207,7 @@ class DemoClient(Node):
         self.prepare_scene(scene.kind)
         result = DemoResult(objects=len(spawned.names))
         failures = skips = 0
+        failed: list[FloatArray] = []
         while (
             result.lifted < result.objects
             and failures < self.failures_to_stop
@@ -212,9 +222,12 @@ class DemoClient(Node):
                 continue
             if result.decision is None:
                 result.decision = self._decision(answer.grasps)
+            put_elsewhere_first(answer.grasps, failed)
             attempt = self._attempt(answer.grasps)
             result.attempts.append(attempt)
             failures = 0 if attempt.success else failures + 1
+            if not attempt.success:
+                failed.append(position_of(answer.grasps.grasps[0]))
             report(result)
         return result
 
@@ -289,6 +302,27 @@ class DemoClient(Node):
             lower=lower,
             edge=volume.voxel_size * volume.size_x,
         )
+
+
+def position_of(grasp: Grasp) -> FloatArray:
+    """Return a grasp's TCP in the frame of its array in [m], shape (3,)."""
+    position = grasp.pose.position
+    return np.array([position.x, position.y, position.z])
+
+
+def put_elsewhere_first(array: GraspArray, failed: Sequence[FloatArray]) -> None:
+    """Put grasps where one has failed behind others that are nearly as good.
+
+    Args:
+        array: Grasps, best first; put into the new order.
+        failed: TCPs of the failed grasps in the same frame in [m], each (3,).
+    """
+    if not failed:
+        return
+    positions = np.array([position_of(grasp) for grasp in array.grasps])
+    quality = np.array([grasp.quality for grasp in array.grasps])
+    order = elsewhere_first(positions, quality, np.array(failed))
+    array.grasps = [array.grasps[i] for i in order]
 
 
 def stage_milliseconds(report: DetectionReport) -> dict[str, float]:

@@ -3,7 +3,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from neugrasp_ros.geometry.transform import flip_gripper, make_transform
-from neugrasp_ros.grasp.ranking import distinct, spread
+from neugrasp_ros.grasp.ranking import distinct, elsewhere_first, spread
 
 
 def turned(angle, x=0.0):
@@ -32,3 +32,15 @@ def test_every_region_gives_its_best_before_any_gives_its_second():
 def test_nothing_spreads_to_nothing():
     assert len(spread(np.zeros((0, 3)), np.zeros(0), 0.1, 5)) == 0
     assert len(distinct(np.zeros((0, 4, 4)), np.zeros(0), 0.02, 0.3)) == 0
+
+
+def test_where_one_has_failed_others_come_first_if_they_are_nearly_as_good():
+    positions = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])
+    quality = np.array([0.9, 0.95, 0.7, 0.6])
+    assert elsewhere_first(positions, quality, np.zeros((0, 3))).tolist() == [
+        1, 0, 2, 3,
+    ]  # fmt: skip
+    failed = np.array([[0.01, 0, 0]])
+    assert elsewhere_first(positions, quality, failed).tolist() == [2, 1, 0, 3]
+    assert quality.tolist() == [0.9, 0.95, 0.7, 0.6]
+    assert len(elsewhere_first(np.zeros((0, 3)), np.zeros(0), failed)) == 0
