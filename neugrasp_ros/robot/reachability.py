@@ -28,9 +28,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-FIRST_STARTS = 1  # of inverse kinematics, tried on every grasp
-MORE_STARTS = 3  # in all, where the first find nothing; the rest are for other ways
-
 
 class Reach(IntEnum):
     """Why a grasp can or cannot be reached; the numbers are those of the message."""
@@ -218,9 +215,10 @@ class _Search:
         """Try the ways of each grasp, the best first, until one works."""
         count = len(self.result)
         sides = np.arange(2 * count)
-        ways = self._solve_all(sides, FIRST_STARTS)
+        first = self.config.first_starts
+        ways = self._solve_all(sides, first)
         rest = ~np.isin(sides % count, ways.grasps)
-        more = self._solve_all(sides[rest], MORE_STARTS, after=FIRST_STARTS - 1)
+        more = self._solve_all(sides[rest], self.config.most_starts, after=first - 1)
         ways = _Ways(*(np.concatenate(pair) for pair in zip(ways, more, strict=True)))
         self._tell_limits(~np.isin(np.arange(count), ways.grasps))
         self._try(ways)

@@ -13,7 +13,9 @@ class IkConfig(Checked):
     tol_position: float = option(0.001, "Largest position error [m]", 1e-6, 0.01)
     tol_rotation: float = option(0.005, "Largest rotation error [rad]", 1e-6, 0.1)
     max_iterations: int = option(40, "Steps from one seed", 1, 10000)
-    restarts: int = option(12, "Stored postures that the search starts from", 1, 64)
+    restarts: int = option(
+        12, "Stored postures that a search may start from, the nearest first", 1, 128
+    )
     joint_margin: float = option(
         0.02, "Distance kept from every joint limit [rad or m]", 0.0, 1.0
     )
@@ -42,6 +44,12 @@ class ReachabilityConfig(Checked):
     )
     held_radius: float = option(
         0.12, "Scene around the TCP that travels with the hand in a lift [m]", 0.0, 0.5
+    )
+    first_starts: int = option(
+        1, "Starts of inverse kinematics tried on every grasp, arm and side", 1, 128
+    )
+    most_starts: int = option(
+        3, "Starts in all where those find no solution for a grasp", 1, 128
     )
     retries: int = option(
         5, "Other solutions tried when one fails in collision or on its path", 0, 16

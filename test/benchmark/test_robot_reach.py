@@ -9,10 +9,12 @@ from neugrasp_ros.benchmark.robot_reach import (
     draw_grasps,
     draw_scene,
     measure,
+    slow_reference,
 )
 from neugrasp_ros.robot.collision import CollisionChecker
 from neugrasp_ros.robot.contact import FREE, SELF
 from neugrasp_ros.robot.model import load_robot
+from neugrasp_ros.robot.postures import PER_CELL
 from sim_bridge.robot_body import RobotBody
 from sim_bridge.robot_cell import robot_setup
 from sim_bridge.world import World
@@ -38,6 +40,13 @@ def test_a_drawn_scene_stands_on_the_table():
     scene = draw_scene(np.random.default_rng(1))
     assert len(scene.points) > 500 and len(scene.boxes.radii) == 1
     assert scene.points[:, 2].min() >= 0.70 - 1e-9
+
+
+def test_the_reference_starts_from_every_posture_that_is_stored(robot):
+    slow = slow_reference(robot)
+    assert min(slow.config.first_starts, slow.config.most_starts) >= PER_CELL
+    for arm in slow.arms.values():
+        assert np.diff(arm._known.table.starts).max() <= PER_CELL <= arm._restarts
 
 
 @pytest.mark.slow

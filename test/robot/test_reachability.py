@@ -8,7 +8,7 @@ from neugrasp_ros.geometry.transform import flip_gripper, invert, make_transform
 from neugrasp_ros.robot.contact import FREE
 from neugrasp_ros.robot.obstacles import SolidBox, make_obstacles
 from neugrasp_ros.robot.reachability import Reach, ReachabilityChecker
-from neugrasp_ros.robot.settings import ReachabilityConfig
+from neugrasp_ros.robot.settings import IkConfig, ReachabilityConfig
 
 LEFT, RIGHT = "arm_left_torso", "arm_right_torso"
 DOWN = np.diag([1.0, -1.0, -1.0])  # approach downwards, closing along y
@@ -202,6 +202,34 @@ def test_the_scene_is_passed_over_when_told_to(robot, scene):
 def test_a_twin_is_as_good_as_the_grasp(reach, grasps, scene, result):
     twins = reach.check(flip_gripper(grasps), obstacles=scene)
     assert np.mean(twins.reachable == result.reachable) > 0.95
+
+
+UNSOLVED = (Reach.NO_IK, Reach.LIMITS)
+FEW_STEPS = 2  # from a start, so that many starts fail
+
+
+def solved_with(robot, poses, first, most):
+    config = ReachabilityConfig(first_starts=first, most_starts=most, retries=0)
+    few = IkConfig(restarts=128, max_iterations=FEW_STEPS)
+    checker = ReachabilityChecker(robot, config, few)
+    sides = np.concatenate([poses, flip_gripper(poses)])
+    arm = checker.arms[LEFT]
+    near = robot.home[arm.indices]
+    reached = arm.solve(sides, towards=near, seeds=most).reached
+    codes = checker.check(poses, arms=[LEFT]).codes
+    return ~np.isin(codes, UNSOLVED), reached.reshape(2, -1).any(axis=0)
+
+
+def test_a_grasp_is_given_up_after_as_many_starts_as_asked(robot, left):
+    rng = np.random.default_rng(0)
+    some = rng.uniform(left.lower, left.upper, (1000, len(left.lower)))
+    poses = left.forward(some)  # there is a solution to each of them
+    counts = []
+    for first, most in ((1, 1), (1, 3), (128, 128)):
+        solved, wanted = solved_with(robot, poses, first, most)
+        assert np.array_equal(solved, wanted)
+        counts.append(solved.sum())
+    assert counts[0] < counts[1] < counts[2]
 
 
 def test_no_grasps_are_no_answers(reach):
