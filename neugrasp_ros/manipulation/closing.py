@@ -19,7 +19,7 @@ from neugrasp_ros.robot.obstacles import SolidBox
 FloatArray = NDArray[np.float64]
 
 CLEARANCE = 0.001  # [m]; between tips and boxes: a tip that touches meets 60 N
-RAISE = 0.002  # [m]; by which a grasp so low is carried out higher
+RAISE = 0.002  # [m]; by which a grasp so low is carried out away from it
 STEPS = 60
 
 
@@ -34,7 +34,8 @@ def least_opening(
         boxes: Solid boxes in the base frame.
 
     Returns:
-        0 where nothing is in the way; what is so at open jaws is not looked at.
+        0 where nothing is in the way, ``max_opening`` where they cannot close at all;
+        what is in the way of open jaws is for the check of the approach.
     """
     if not boxes or gripper.tip_advance <= 0.0:
         return 0.0
@@ -52,15 +53,19 @@ def least_opening(
 def raised(
     gripper: Gripper, T_base_gripper: FloatArray, boxes: Sequence[SolidBox]
 ) -> FloatArray:
-    """Return a grasp (4, 4) drawn back by 2 mm where closing tips come to a box.
+    """Return a grasp (4, 4) moved away by 2 mm where closing tips come to a box.
 
     A sampler lets the tips touch what the object stands on at its width, so that
-    without this the jaws would stop short of it.
+    without this the jaws would stop short of it. The hand goes straight up, or back
+    where that gives more room, as at a wall.
     """
     T = np.array(T_base_gripper, dtype=np.float64)
-    if least_opening(gripper, T, boxes) > 0.0:
-        T[:3, 3] -= RAISE * T[:3, 2]
-    return T
+    if least_opening(gripper, T, boxes) <= 0.0:
+        return T
+    up, back = T.copy(), T.copy()
+    up[2, 3] += RAISE
+    back[:3, 3] -= RAISE * T[:3, 2]
+    return min(up, back, key=lambda moved: least_opening(gripper, moved, boxes))
 
 
 def _tip_corners(gripper: Gripper, openings: FloatArray) -> FloatArray:

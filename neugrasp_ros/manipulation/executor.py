@@ -247,6 +247,7 @@ class GraspExecutor:
             hardware.configuration(), T_base_gripper, around, arms=arms, opening=width
         )
         _log.info("planned for %s in %.0f ms", plan.arm, 1e3 * plan.seconds)
+        self._require_closing(plan, around, width)
         self._require_room(plan, around, width)
         gripper = self._gripper(plan.arm)
         report("pregrasp", 0.1)
@@ -266,6 +267,22 @@ class GraspExecutor:
         grippers = self._mover.robot.grippers
         key = self._gripper(arms[0]) if arms else next(iter(grippers))
         return raised(grippers[key], T_base_gripper, around.boxes)
+
+    def _require_closing(
+        self, plan: PlannedGrasp, around: Surroundings, width: float
+    ) -> None:
+        """Refuse a grasp whose jaws have no room to close from their width.
+
+        Raises:
+            UnreachableError: If so.
+        """
+        least = self._least_opening(plan, around)
+        if least + self._config.empty_opening >= width:
+            raise UnreachableError(
+                int(Reach.NO_APPROACH),
+                f"the jaws could close to {least:.3f} m only, from {width:.3f} m: "
+                "further their tips would press onto the furniture",
+            )
 
     def _require_room(
         self, plan: PlannedGrasp, around: Surroundings, width: float

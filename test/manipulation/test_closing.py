@@ -36,6 +36,35 @@ def test_the_tips_stop_a_millimetre_over_the_table(height):
     assert tip_advance_at(HAND, found - 1.01 * step) > room
 
 
+def tilted(tilt, width):
+    """The lowest hand whose tips touch the table at a width, its jaws level."""
+    c, s = np.cos(tilt), np.sin(tilt)
+    T = np.eye(4)
+    T[:3, :3] = np.stack([[c, 0.0, s], [0.0, -1.0, 0.0], [s, 0.0, -c]], axis=1)
+    down = tip_advance_at(HAND, width) * c + HAND.finger_thickness / 2 * s
+    T[:3, 3] = 0.5, 0.0, TOP + down
+    return T
+
+
+@pytest.mark.parametrize("tilt", np.deg2rad([0.0, 30.0, 57.0, 80.0]))
+@pytest.mark.parametrize("width", [0.03, 0.045, 0.06, 0.07, 0.08])
+def test_a_tilted_hand_gets_as_much_room(tilt, width):
+    lowest = tilted(tilt, width)
+    assert least_opening(HAND, lowest, [TABLE]) > 0.0
+    T = raised(HAND, lowest, [TABLE])
+    assert T[:3, 3] - lowest[:3, 3] == pytest.approx([0.0, 0.0, RAISE])
+    assert least_opening(HAND, T, [TABLE]) < width - 0.002
+
+
+def test_at_a_wall_the_hand_goes_back():
+    wall = SolidBox(translation(0.55, 0.0, TOP), np.array([0.1, 2.0, 2.0]))
+    T = tilted(np.pi / 2, 0.04)
+    T[:3, 3] = 0.5 - float(tip_advance_at(HAND, 0.04)), 0.0, TOP
+    moved = raised(HAND, T, [wall])
+    assert moved[:3, 3] - T[:3, 3] == pytest.approx([-RAISE, 0.0, 0.0])
+    assert least_opening(HAND, moved, [wall]) < 0.04 - 0.002
+
+
 @pytest.mark.parametrize("width", [0.01, 0.03, 0.06])
 def test_there_is_room_down_to_the_width_that_a_grasp_is_for(width):
     lowest = down_at(float(tip_advance_at(HAND, width)))  # as the sampler leaves it
@@ -60,5 +89,5 @@ def test_jaws_that_slide_do_not_advance():
     assert least_opening(slide, down_at(0.003), [TABLE]) == 0.0
 
 
-def test_what_is_in_the_way_of_open_jaws_does_not_keep_them_open_for_ever():
+def test_jaws_that_are_blocked_all_the_way_cannot_close():
     assert least_opening(HAND, down_at(-0.005), [TABLE]) == HAND.max_opening

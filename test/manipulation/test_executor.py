@@ -262,6 +262,17 @@ def test_over_a_table_jaws_close_as_far_as_their_tips_do_not_press(further, kind
         )
 
 
+def test_jaws_that_cannot_close_are_told_before_anything_moves():
+    T = np.diag([1.0, -1.0, -1.0, 1.0])
+    T[2, 3] = 0.005  # the tips are in the table at any opening
+    hardware = Hardware()
+    hardware.surroundings = lambda: Surroundings(boxes=(TABLE,))
+    outcome = GraspExecutor(LowMover(), hardware).execute(T, width=0.08, arms=(ARM,))
+    assert outcome.kind is GraspOutcome.UNREACHABLE
+    assert "close to 0.085 m only, from 0.080 m" in outcome.message
+    assert hardware.done == []
+
+
 @pytest.mark.parametrize(("headroom", "rises"), [(0.06, ["shift"]), (0.04, [])])
 def test_a_hand_rises_as_far_as_its_arm_can(headroom, rises):
     hardware, mover = Hardware(), Mover()
