@@ -278,12 +278,14 @@ class RobotWorld(BridgeWorld):
         if any(d.state is not DriveState.HOLDING for d in self.drives.values()):
             return None
         robot = self.snapshot.robot
+        if robot is None:  # no scene has been built so far
+            return None
         return np.concatenate([self.snapshot.poses.ravel(), robot.q])
 
     def _look(self) -> Snapshot:
         plain = super()._look()
-        if self._body is None:
-            return plain
+        if self._body is None:  # a scene could not be built: as it was seen last
+            return plain._replace(robot=self.snapshot.robot)
         q = self._states.positions
         return plain._replace(
             robot=RobotView(

@@ -97,3 +97,31 @@ def test_set_points_beyond_the_limits_are_noticed(cell):
     drive.start(drive.read(np.array([0.05]), goal[None] - [0.6, 0.0]), cell.now)
     cell.advance(0.1)
     assert cell.limit_use.velocity > 1.0 and cell.limit_use.jerk > 1.0
+
+
+def test_after_a_scene_that_could_not_be_built_the_world_lives_on(cell, monkeypatch):
+    cell.spawn("table", 0, 0)
+    before = cell.snapshot.robot
+
+    def refuse(furniture, seed):
+        raise SimulationError("no place to stand")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(cell, "_stand", refuse)
+        with pytest.raises(SimulationError, match="no place"):
+            cell.spawn("table", 1, 0)
+    cell.advance(0.1)
+    cell.do(cell._rests).result()  # as the physics thread asks in real time
+    np.testing.assert_array_equal(cell.snapshot.robot.q, before.q)
+    cell.spawn("table", 1, 0)
+    cell.advance(0.1)
+    assert cell.ended == ""
+    assert not np.allclose(cell.snapshot.robot.stance.q, before.stance.q)
+
+
+def test_a_world_without_a_scene_has_no_places_to_compare(cell, monkeypatch):
+    cell.spawn("table", 0, 0)
+    assert cell.do(cell._places).result() is not None
+    empty = cell.snapshot._replace(robot=None)
+    monkeypatch.setattr(cell, "snapshot", empty)
+    assert cell.do(cell._places).result() is None
