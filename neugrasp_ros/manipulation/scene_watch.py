@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether what a grasp was computed for is still where it was."""
 
+import threading
 from collections import OrderedDict
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from neugrasp_ros.geometry.transform import apply, invert
 FloatArray = NDArray[np.float64]
 
 KEPT = 16  # scenes remembered
+SET_BACK = 10_000_000_000  # [ns]; so much older is no late scene but a clock set back
 NEAR = 0.05  # [m]; around the grasp
 BETWEEN = 0.03  # [m]; behind the TCP, where the object is held
 LEAST_POINTS = 15
@@ -38,7 +40,7 @@ class SeenScene(NamedTuple):
 
 
 class SceneWatch:
-    """Remembers scenes by their revision.
+    """Remembers scenes by their revision; threads may share it.
 
     Args:
         support_height: Height of the support in the task frame in [m].
@@ -48,27 +50,46 @@ class SceneWatch:
         self._support = support_height
         self._scenes: OrderedDict[int, SeenScene] = OrderedDict()
         self._first: dict[int, int] = {}  # when a revision was first seen [ns]
+        self._lock = threading.Lock()
 
     def remember(self, scene: SeenScene) -> None:
-        """Keep a scene, or that it was seen again; the oldest one is forgotten."""
-        self._scenes[scene.revision] = scene
-        self._scenes.move_to_end(scene.revision)
-        self._first.setdefault(scene.revision, scene.stamp)
-        while len(self._scenes) > KEPT:
-            del self._first[self._scenes.popitem(last=False)[0]]
+        """Keep a scene, or that it was seen again; the oldest one is forgotten.
+
+        One that is older than the newest has come late and is passed over; by more
+        than 10 s, the clock was set back, and what was seen before is forgotten.
+        """
+        with self._lock:
+            newest = self._last()
+            if newest is not None and scene.stamp < newest.stamp:
+                if newest.stamp - scene.stamp <= SET_BACK:
+                    return
+                self._scenes.clear()
+                self._first.clear()
+            self._scenes[scene.revision] = scene
+            self._scenes.move_to_end(scene.revision)
+            self._first.setdefault(scene.revision, scene.stamp)
+            while len(self._scenes) > KEPT:
+                del self._first[self._scenes.popitem(last=False)[0]]
 
     @property
     def newest(self) -> SeenScene | None:
         """The scene that came last."""
+        with self._lock:
+            return self._last()
+
+    def _last(self) -> SeenScene | None:
         return next(reversed(self._scenes.values()), None)
 
     def get(self, revision: int) -> SeenScene | None:
         """Return a scene by its number, None if it is not, or no longer, known."""
-        return self._scenes.get(revision)
+        with self._lock:
+            return self._scenes.get(revision)
 
     def before(self, stamp: int) -> SeenScene | None:
         """Return the newest scene that is not younger than a time in [ns]."""
-        found = [s for s in self._scenes.values() if self._first[s.revision] <= stamp]
+        with self._lock:
+            scenes, first = tuple(self._scenes.values()), dict(self._first)
+        found = [scene for scene in scenes if first[scene.revision] <= stamp]
         return found[-1] if found else None
 
     def points(self) -> FloatArray:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
+import threading
+
 import numpy as np
 import pytest
 
 from neugrasp_ros.fusion.tsdf import TsdfVolume
 from neugrasp_ros.geometry.transform import translation
-from neugrasp_ros.manipulation.scene_watch import KEPT, SceneWatch, SeenScene
+from neugrasp_ros.manipulation.scene_watch import KEPT, SET_BACK, SceneWatch, SeenScene
 
 VOXEL, TRUNCATION = 0.3 / 64, 4 * 0.3 / 64
 T_BASE_TASK = translation(0.4, -0.15, 0.65)
@@ -83,3 +85,44 @@ def test_a_scene_that_is_seen_again_keeps_the_time_when_it_was_first_seen():
     assert watch.newest.stamp == 500
     assert watch.before(first.stamp).revision == 1
     assert watch.before(first.stamp - 1) is None
+
+
+def test_a_scene_that_comes_late_is_passed_over():
+    watch, later = SceneWatch(SUPPORT), box_scene(HERE, 2)
+    watch.remember(later)
+    watch.remember(box_scene(HERE, 1))
+    assert watch.newest is later
+    assert watch.get(1) is None
+
+
+def test_a_clock_that_was_set_back_begins_anew():
+    watch, first = SceneWatch(SUPPORT), box_scene(HERE, 1)
+    watch.remember(first._replace(revision=7, stamp=first.stamp + SET_BACK + 1))
+    watch.remember(first)
+    assert watch.newest is first
+    assert watch.get(7) is None
+
+
+def test_threads_may_remember_and_ask_at_the_same_time():
+    watch, first = SceneWatch(SUPPORT), box_scene(HERE, 1)
+    watch.remember(first)
+    done, failed = threading.Event(), []
+
+    def ask():
+        while not done.is_set():
+            try:
+                watch.before(10**9), watch.newest
+            except Exception as error:
+                failed.append(error)
+                return
+
+    threads = [threading.Thread(target=ask) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for k in range(2, 20000):
+        watch.remember(first._replace(revision=k, stamp=100 * k))
+    done.set()
+    for thread in threads:
+        thread.join()
+    assert not failed
+    assert watch.newest.revision == 19999
