@@ -20,6 +20,7 @@ from neugrasp_ros.training.metrics import (
 
 Z_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
 N_BOOTSTRAP = 2000
+HARDEST = 5  # objects that are named
 
 
 class Interval(NamedTuple):
@@ -91,7 +92,7 @@ def summarize(
     Returns:
         ``gsr``, ``gsr_ci`` (Wilson over attempts), ``gsr_ci_rounds`` (bootstrap over
         rounds), ``dr``, ``dr_ci`` (bootstrap over rounds), counts, the failures by
-        name, how rounds ended, ``iou`` and ``iou_ci`` (mean over the rounds' first
+        name, the objects that failed most (``hardest``), how rounds ended, ``iou`` and ``iou_ci`` (mean over the rounds' first
         views, bootstrap), ``quality_ap`` and ``quality_ece`` of the executed grasps'
         promised quality, and milliseconds per stage (median and 90th percentile).
         A rate without a denominator is None.
@@ -113,10 +114,22 @@ def summarize(
         "failures": dict(
             Counter(a.reason for r in rounds for a in r.attempts if a.reason)
         ),
+        "hardest": _hardest(rounds),
         "ended": dict(Counter(r.ended for r in rounds)),
         **_reconstruction(rounds, rng),
         **_promises(rounds),
         "milliseconds": stage_times(rounds),
+    }
+
+
+def _hardest(rounds: Sequence[RoundRecord]) -> dict[str, dict[str, int]]:
+    """Return attempts and failures of the objects that failed most often."""
+    tried = [attempt for r in rounds for attempt in r.attempts if attempt.target]
+    attempts = Counter(attempt.target for attempt in tried)
+    failures = Counter(attempt.target for attempt in tried if not attempt.success)
+    return {
+        name: {"attempts": attempts[name], "failures": count}
+        for name, count in failures.most_common(HARDEST)
     }
 
 

@@ -201,6 +201,19 @@ def run_round(
         )
 
 
+def nearest_object(scene: Scene, position: FloatArray) -> str:
+    """Return the name of the object whose origin is nearest; empty if there is none.
+
+    Args:
+        scene: The objects.
+        position: In the task frame in [m], shape (3,).
+    """
+    objects = scene.objects
+    places = np.array([item.T_task_object[:3, 3] for item in objects]).reshape(-1, 3)
+    distances = np.linalg.norm(places - position, axis=1)
+    return objects[int(distances.argmin())].name if objects else ""
+
+
 class Round:
     """State of one round.
 
@@ -316,6 +329,7 @@ class Round:
             n_candidates=plan.n_candidates,
             n_grasps=len(plan.grasps),
             timings={**plan.timings, "plan": seconds},
+            target=nearest_object(before, T_task_gripper[:3, 3]),
         )
         hand.remove()
         self._world.clear_outside()

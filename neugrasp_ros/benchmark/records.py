@@ -25,6 +25,7 @@ class AttemptRecord:
         n_candidates: Grasps that the policy looked at.
         n_grasps: Grasps that it returned.
         timings: Seconds per stage.
+        target: The object whose origin was nearest to the TCP, before the attempt.
     """
 
     round_index: int
@@ -39,6 +40,7 @@ class AttemptRecord:
     n_candidates: int
     n_grasps: int
     timings: Mapping[str, float] = field(default_factory=dict)
+    target: str = ""
 
     @property
     def success(self) -> bool:

@@ -32,6 +32,7 @@ def attempt(number, reason, seconds=0.1):
         n_candidates=50,
         n_grasps=10,
         timings={"plan": seconds},
+        target="vase" if reason else "mug",
     )
 
 
@@ -73,6 +74,7 @@ def test_rates_are_pooled_over_rounds_and_named():
     assert figures["gsr"] == pytest.approx(60.0)
     assert figures["dr"] == pytest.approx(100 * 3 / 8)
     assert figures["failures"] == {"empty": 1, "slipped": 1}
+    assert figures["hardest"] == {"vase": {"attempts": 2, "failures": 2}}
     assert (figures["attempts"], figures["objects"], figures["rounds"]) == (5, 8, 2)
     assert figures["milliseconds"]["plan"]["median"] == pytest.approx(100.0)
     json.dumps(figures)

@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 from sim_shapes import block_set, looking_down
 
-from neugrasp_ros.benchmark.protocol import Plan, Suite, run_round
+from neugrasp_ros.benchmark.protocol import Plan, Suite, nearest_object, run_round
 from neugrasp_ros.errors import ConfigError, EmptySceneError, UnknownNameError
+from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.grasp.types import GraspSet
 from sim_bridge.objects.registry import ObjectSet
+from sim_bridge.scene import PlacedObject, Scene
 
 SETS = {"blocks": block_set()}
 NOTHING = Plan(GraspSet(np.zeros((0, 4, 4)), np.zeros(0)))
@@ -114,3 +116,13 @@ def test_unknown_protocols_and_empty_parts_are_errors():
     no_cube = ObjectSet("blocks", ["bar", "can", "ell"], SETS["blocks"].load)
     with pytest.raises(ConfigError, match="empty"):
         run_round(suite(part="val"), 0, grasp_the_air, sets={"blocks": no_cube})
+
+
+def test_the_object_that_was_meant_is_the_nearest():
+    placed = [
+        PlacedObject("blocks", name, 1.0, translation(x, 0.1, 0.1))
+        for name, x in (("left", 0.05), ("right", 0.2))
+    ]
+    scene = Scene("pile", 0, tuple(placed))
+    assert nearest_object(scene, np.array([0.16, 0.1, 0.1])) == "right"
+    assert nearest_object(Scene("pile", 0, ()), np.zeros(3)) == ""
