@@ -92,9 +92,10 @@ def summarize(
     Returns:
         ``gsr``, ``gsr_ci`` (Wilson over attempts), ``gsr_ci_rounds`` (bootstrap over
         rounds), ``dr``, ``dr_ci`` (bootstrap over rounds), counts, the failures by
-        name, the objects that failed most (``hardest``), how rounds ended, ``iou`` and ``iou_ci`` (mean over the rounds' first
-        views, bootstrap), ``quality_ap`` and ``quality_ece`` of the executed grasps'
-        promised quality, and milliseconds per stage (median and 90th percentile).
+        name, the objects that failed most (``hardest``), how rounds ended, ``iou`` and
+        ``iou_ci`` (mean over the rounds' first views, bootstrap), ``quality_ap`` and
+        ``quality_ece`` of the executed grasps' promised quality, and milliseconds per
+        stage (median and 90th percentile).
         A rate without a denominator is None.
     """
     successes = np.array([r.n_successes for r in rounds], dtype=np.float64)
