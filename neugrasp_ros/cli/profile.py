@@ -180,5 +180,5 @@ def _part(
         "endurance": lambda: endure(
             planner, few, max(args.detections // 10, 1), args.detections
         ),
-        "service": lambda: by_service(few, args.requests),
+        "service": lambda: by_service(few, args.requests, planner.config),
     }[name]

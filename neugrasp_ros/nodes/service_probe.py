@@ -3,7 +3,7 @@
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +27,7 @@ HEAD_START = 0.1  # [s]; by then the server knows that it waits for an image
 PAUSE = 0.1  # [s] between an answer and the next question
 RETRY = 1.0  # [s] between questions to a suite that is not ready
 TIMEOUT = 10.0  # [s] of a request
+POLL = 0.2  # [s] between two looks whether the suite still runs
 LIBRARY = (
     "fusion", "encoding", "rendering", "sampling", "local_rendering", "quality"
 )  # fmt: skip
@@ -52,10 +53,17 @@ class Probe:
     Args:
         client: Whose node publishes and asks.
         shots: Scenes of one cube, as in the suite's default workspace.
+        is_running: Tells whether the suite's processes run.
     """
 
-    def __init__(self, client: SuiteClient, shots: Sequence[Shot]) -> None:
+    def __init__(
+        self,
+        client: SuiteClient,
+        shots: Sequence[Shot],
+        is_running: Callable[[], bool] = lambda: True,
+    ) -> None:
         self._client, self._shots = client, shots
+        self._is_running = is_running
         node = client.node
         self._depth = node.create_publisher(
             Image, DEPTH_TOPICS["depth/image"], sensor_output()
@@ -82,16 +90,20 @@ class Probe:
         """Wait for the suite.
 
         Raises:
-            NoAnswerError: If nobody offers the service in time.
+            NoAnswerError: If nobody offers the service in time, or the suite has ended.
         """
-        if not self._service.wait_for_service(timeout_sec=seconds):
+        service = self._service
+        if not self._wait(lambda t: service.wait_for_service(timeout_sec=t), seconds):
             raise NoAnswerError(f"nobody offers detect_grasps after {seconds} s")
 
-    def ask(self, number: int) -> Answer:
+    def ask(self, number: int) -> Answer | None:
         """Ask for grasps in an image that is taken a moment after the question.
 
+        Returns:
+            The answer; None if none comes in twice the request's time.
+
         Raises:
-            NoAnswerError: If no answer comes.
+            NoAnswerError: If the suite has ended.
         """
         request = DetectGrasps.Request(
             scene=DetectGrasps.Request.SCENE_FRESH,
@@ -109,11 +121,26 @@ class Probe:
         future.add_done_callback(note)
         time.sleep(HEAD_START)
         taken = self._show(number % len(self._shots))
-        if not done.wait(2 * TIMEOUT):
-            raise NoAnswerError(f"no answer from detect_grasps in {2 * TIMEOUT} s")
+        if not self._wait(done.wait, 2 * TIMEOUT):
+            self._service.remove_pending_request(future)
+            return None
         report = future.result().report
         library = sum(getattr(report, f"seconds_{name}") for name in LIBRARY)
         return Answer((replied[0] - taken) / 1e9, library, report.code)
+
+    def _wait(self, wait: Callable[[float], bool], seconds: float) -> bool:
+        """Wait a little again and again; return whether that was successful in time.
+
+        Raises:
+            NoAnswerError: If the suite has ended.
+        """
+        deadline = time.monotonic() + seconds
+        while not wait(POLL):
+            if not self._is_running():
+                raise NoAnswerError("the suite has ended: its output says why")
+            if time.monotonic() > deadline:
+                return False
+        return True
 
     def _show(self, number: int) -> int:
         """Publish a scene's image, taken now; return its stamp in [ns]."""
@@ -135,7 +162,10 @@ def _frame(number: int) -> str:
 
 
 def measure(
-    shots: Sequence[Shot], requests: int, start_timeout: float
+    shots: Sequence[Shot],
+    requests: int,
+    start_timeout: float,
+    is_running: Callable[[], bool] = lambda: True,
 ) -> dict[str, Any]:
     """Ask a running suite again and again, each time about another image.
 
@@ -143,29 +173,44 @@ def measure(
         shots: Scenes of one cube.
         requests: How many answers count; those before the first grasps do not.
         start_timeout: How long the suite may take to start and compile [s].
+        is_running: Tells whether the suite's processes run.
 
     Returns:
         As ``figures``.
 
     Raises:
-        NoAnswerError: If the suite does not come up or stops answering.
+        NoAnswerError: If the suite does not come up, ends or stops answering.
     """
+    deadline = time.monotonic() + start_timeout
     with SuiteClient() as client:
-        probe = Probe(client, shots)
+        probe = Probe(client, shots, is_running)
         probe.wait_for_service(start_timeout)
-        deadline = time.monotonic() + start_timeout
-        number = 0
-        while probe.ask(number).code != DetectionReport.NONE:
-            if time.monotonic() > deadline:
-                raise NoAnswerError(f"no grasps after {start_timeout} s")
-            number += 1
-            time.sleep(RETRY)
+        first = _first_grasps(probe, deadline)
         answers = []
-        for _ in range(requests):
-            number += 1
+        for number in range(first + 1, first + 1 + requests):
             time.sleep(PAUSE)
-            answers.append(probe.ask(number))
+            answer = probe.ask(number)
+            if answer is None:
+                raise NoAnswerError(f"no answer from detect_grasps in {2 * TIMEOUT} s")
+            answers.append(answer)
     return figures(answers)
+
+
+def _first_grasps(probe: Probe, deadline: float) -> int:
+    """Ask until there are grasps; return the number of that question.
+
+    Raises:
+        NoAnswerError: If there are none at a deadline of ``time.monotonic()``.
+    """
+    number, answer = 0, probe.ask(0)
+    while answer is None or answer.code != DetectionReport.NONE:
+        if time.monotonic() > deadline:
+            what = "no answer" if answer is None else f"code {answer.code}"
+            raise NoAnswerError(f"no grasps in the time to start; last: {what}")
+        time.sleep(RETRY)
+        number += 1
+        answer = probe.ask(number)
+    return number
 
 
 def figures(answers: Sequence[Answer]) -> dict[str, Any]:
