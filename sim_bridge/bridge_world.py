@@ -107,7 +107,8 @@ class BridgeWorld:
     Args:
         gripper: The gripper that tries grasps.
         scenes: What scenes are made of.
-        realtime_factor: Simulated over real time; 0 = as fast as possible.
+        realtime_factor: Simulated over real time; 0 = as fast as possible, but for
+            pauses in which the process's other threads work.
         lockstep: Time goes on only with ``advance``.
 
     Raises:
@@ -132,7 +133,8 @@ class BridgeWorld:
         self._ended = ""
         self._live = False
         self._time = 0
-        self._due = self._resumed = time.monotonic()
+        self._working = False  # on a job
+        self._due = self._resumed = self._pause_end = time.monotonic()
         self._still: tuple[int, FloatArray | None] = (0, None)  # since when [ns], where
         self.snapshot = Snapshot(0, (), (), np.zeros((0, 4, 4)))
         self.measured_factor = 0.0
@@ -249,20 +251,27 @@ class BridgeWorld:
             while not self._closed:
                 if self._jobs:
                     self._still = (self._time, None)  # a job may move anything
-                    future, job = self._jobs.popleft()
-                    try:
-                        future.set_result(job())
-                    except Exception as error:  # noqa: BLE001 (handed to the caller)
-                        future.set_exception(error)
+                    self._work(*self._jobs.popleft())
                     continue
                 if self._lockstep:
                     with self._wake:
                         self._wake.wait_for(lambda: self._jobs or self._closed)
                     continue
-                if self._rests():
+                if time.monotonic() < self._pause_end:  # a job came in between
+                    self._wait()
+                elif self._rests():
                     self._on_steps(PACE_STEPS)
                 else:
                     self._world.step(PACE_STEPS)
+
+    def _work(self, future: "Future[Any]", job: Callable[[], Any]) -> None:
+        self._working = True
+        try:
+            future.set_result(job())
+        except Exception as error:  # noqa: BLE001 (handed to the caller)
+            future.set_exception(error)
+        finally:
+            self._working = False
 
     def _rests(self) -> bool:
         """Tell whether nothing has moved for a while, so that only time goes on.
@@ -315,8 +324,16 @@ class BridgeWorld:
             wait = max(wait, self._due - now)
         if wait < SHORTEST_WAIT:
             return
+        self._pause_end = now + wait
+        self._wait()
+
+    def _wait(self) -> None:
+        """Wait until the pause ends or a job comes; a job itself keeps the pace."""
         with self._wake:
-            self._wake.wait_for(lambda: self._closed, timeout=wait)
+            self._wake.wait_for(
+                lambda: self._closed or (self._jobs and not self._working),
+                timeout=self._pause_end - time.monotonic(),
+            )
         self._resumed = time.monotonic()
 
     def _look(self) -> Snapshot:

@@ -192,13 +192,83 @@ def test_of_a_world_at_rest_only_the_time_goes_on():
         world.close()
 
 
-def test_a_world_that_is_too_slow_lets_others_work(monkeypatch):
-    world = BridgeWorld(load_gripper("robotiq_2f85"), BridgeScenes(), 1000.0)
+class Clock:
+    """A clock and a condition that nobody notifies: waiting takes the whole time."""
+
+    def __init__(self) -> None:
+        self.now, self.waits, self.conditions = 0.0, [], []
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def wait_for(self, condition, timeout):
+        self.waits.append(timeout)
+        self.conditions.append(condition)
+        self.now += timeout
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def stopped(clock):
+    """A world whose thread does nothing, at the clock's zero; its pauses are asked."""
+    world = BridgeWorld(load_gripper("panda"), BridgeScenes(), lockstep=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(world, "_wake", clock)
+        patch.setattr(bridge_world, "time", clock)
+        patch.setattr(world, "_due", 0.0)
+        patch.setattr(world, "_resumed", 0.0)
+        yield world
+    world.close()
+
+
+@pytest.mark.parametrize("factor", [0.0, 1000.0])
+def test_a_world_that_is_too_slow_lets_others_work(stopped, clock, factor):
+    stopped.realtime_factor = factor
+    for _ in range(3):
+        clock.now += 0.4  # of physics
+        stopped._pause(clock.now, 1 / 60)
+    np.testing.assert_allclose(clock.waits, LEAST_PAUSE * 0.4)
+
+
+def test_a_world_that_is_fast_waits_until_its_time_is_due(stopped, clock):
+    stopped.realtime_factor = 0.5
+    for _ in range(3):
+        clock.now += 0.01
+        stopped._pause(clock.now, 0.1)
+    assert clock.now == pytest.approx(3 * 0.1 / 0.5)
+
+
+def test_the_steps_of_a_job_keep_their_pace_though_others_wait(stopped, clock):
+    stopped._pause(0.0, 1 / 60)
+    (wakes,) = clock.conditions
+    assert not wakes()
+    stopped._jobs.append((None, None))
+    assert wakes()
+    stopped._working = True
+    assert not wakes()
+    stopped._working = False
+    stopped._jobs.clear()
+
+
+def test_jobs_do_not_wait_for_a_pause_and_let_no_time_pass():
+    world = BridgeWorld(load_gripper("panda"), BridgeScenes(), 1e-4)
     try:
-        monkeypatch.setattr(world, "_rests", lambda: False)
-        began, used = time.monotonic(), time.process_time()
-        time.sleep(1.0)
-        spent = time.monotonic() - began
-        assert (time.process_time() - used) / spent < 1.0 / (1.0 + LEAST_PAUSE) + 0.05
+        deadline = time.monotonic() + 60
+        while not world.snapshot.time:  # the pause after the first steps takes minutes
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+        start = world.snapshot.time
+        assert [world.do(lambda: 7).result(20.0) for _ in range(5)] == [7] * 5
+        assert world.snapshot.time == start
     finally:
         world.close()
