@@ -19,13 +19,22 @@ def run(_: argparse.Namespace) -> int:
     """Load planner and robot and try each once; 0 without weights, too."""
     from neugrasp_ros.config import PlannerConfig
     from neugrasp_ros.errors import CheckpointError
+    from neugrasp_ros.manipulation.mover import ArmMover
+    from neugrasp_ros.manipulation.warm_up import try_once
     from neugrasp_ros.nodes.planners import load_planner
     from neugrasp_ros.nodes.reach_stage import RobotChecker
     from neugrasp_ros.nodes.settings import ReachConfig
+    from neugrasp_ros.robot.model import load_robot
+    from neugrasp_ros.robot.reachability import ReachabilityChecker
+
+    def move() -> None:
+        robot = load_robot(ReachConfig().robot)
+        try_once(ArmMover(ReachabilityChecker(robot)))
 
     for name, load in (
         ("planner", lambda: load_planner(PlannerConfig())),
         ("robot", lambda: RobotChecker(ReachConfig())),
+        ("motion", move),
     ):
         start = time.perf_counter()
         try:

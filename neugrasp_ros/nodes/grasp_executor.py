@@ -20,6 +20,7 @@ from neugrasp_ros.errors import CanceledError, ConfigError, NeuGraspError
 from neugrasp_ros.manipulation.executor import GraspExecutor, GraspOutcome, Outcome
 from neugrasp_ros.manipulation.mover import ArmMover
 from neugrasp_ros.manipulation.scene_watch import SceneWatch, SeenScene
+from neugrasp_ros.manipulation.warm_up import try_once
 from neugrasp_ros.nodes.arm_hardware import Controllers
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener
 from neugrasp_ros.nodes.conversions import from_grasp_array, from_tsdf
@@ -54,6 +55,7 @@ class GraspExecutorNode(Node):
         self._robot = robot = load_robot(config.robot)
         self._base = robot.description.base_frame
         mover = ArmMover(ReachabilityChecker(robot, config.reach), config.mover)
+        try_once(mover)
         self._arms = tuple(mover.checker.arms)
         self._watch = SceneWatch(config.support_height)
         self._controllers = Controllers(self, robot, config.controllers)

@@ -106,7 +106,10 @@ class RobotChecker:
         self._try_once()
 
     def _try_once(self) -> None:
-        """Check a pose that is reached; the first check of a process compiles code."""
+        """Check poses that are reached; the first check of a process compiles code.
+
+        It is compiled anew for each number of arms.
+        """
         from neugrasp_ros.robot.model import gripper_from_tcp
 
         tcps = [
@@ -114,7 +117,9 @@ class RobotChecker:
             for arm in self.arms
         ]
         far = np.array([[2.0, 0.0, 0.5]])  # an obstacle in nobody's way [m]
-        self.check(gripper_from_tcp(np.array(tcps)), self.arms, {}, far)
+        poses = gripper_from_tcp(np.array(tcps))
+        for count in range(1, len(self.arms) + 1):
+            self.check(poses, self.arms[:count], {}, far)
 
     def tcp_frame(self, arm: str) -> str:
         """Return the TF frame of an arm's TCP."""
@@ -159,15 +164,15 @@ class RobotChecker:
         from neugrasp_ros.robot.base_placement import suggest_base
 
         q_start, points = self._now(start, points)
-        with self._lock:
-            found = suggest_base(
-                self._checker,
-                T_base_grippers,
-                arms=arms,
-                start=q_start,
-                points_base=points,
-                boxes=boxes,
-            )
+        found = suggest_base(
+            self._checker,
+            T_base_grippers,
+            arms=arms,
+            start=q_start,
+            points_base=points,
+            boxes=boxes,
+            turn=self._lock,
+        )
         return found.T_base_place if found.reachable else None
 
     def _now(
@@ -297,8 +302,10 @@ class ReachStage:
             Pose in ``base_frame``, shape (4, 4); None if there is no such place near.
 
         Raises:
+            ConfigError: If an arm is unknown.
             DetectionError: As ``check``.
         """
+        self.require_arms(arms)
         info = grasps.info
         T = self._transforms(self._checker.base_frame, info.frame_id, info.stamp)
         return self._checker.suggest_base(

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node ``reachability_filter``: which grasps the robot reaches, and with which arm."""
+"""Node ``reachability_filter``: which grasps the robot reaches, and with which arm.
+
+``CheckReachability`` serves twice: ``~/check`` answers with the grasps that were asked
+about, ``~/suggest_base`` with at most one "grasp", whose pose is where the base would
+have to stand, in the base frame.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -79,12 +84,16 @@ class ReachabilityFilterNode(Node):
                 callback_group=inputs,
                 qos_overriding_options=overrides(),
             )
-        services = ReentrantCallbackGroup()
-        for name, work in (
-            ("~/check", self._on_check),
-            ("~/suggest_base", self._on_suggest_base),
+        for name, work, group in (
+            ("~/check", self._on_check, ReentrantCallbackGroup()),
+            # a long search; several at once would keep ``~/check`` from its threads
+            (
+                "~/suggest_base",
+                self._on_suggest_base,
+                MutuallyExclusiveCallbackGroup(),
+            ),
         ):
-            self.create_service(CheckReachability, name, work, callback_group=services)
+            self.create_service(CheckReachability, name, work, callback_group=group)
 
     def _create_outputs(self) -> None:
         def output(kind: type, topic: str) -> Any:

@@ -57,7 +57,7 @@ class RemoteStages(Stages):
         def client(kind: type, name: str) -> Client:
             return node.create_client(kind, name, callback_group=group)
 
-        self._transforms = transforms
+        self._transforms, self._log = transforms, node.get_logger()
         self._reset = client(Trigger, "tsdf_fusion/reset")
         self._tsdf = client(GetTsdf, "tsdf_fusion/get_tsdf")
         self._sample = client(SampleGrasps, "scene_renderer/sample")
@@ -180,8 +180,9 @@ class RemoteStages(Stages):
         )
         try:
             response = _good(call(self._suggest, request, deadline))
-        except DetectionError:
-            return None  # a hint that does not come is no failure of its own
+        except DetectionError as error:  # of a hint only, so the list is still good
+            self._log.warning(f"no place for the base is suggested: {error}")
+            return None
         places = response.grasps.grasps
         if not places:
             return None

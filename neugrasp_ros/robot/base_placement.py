@@ -2,6 +2,7 @@
 """Where the base would have to stand so that an arm reaches a grasp."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from itertools import product
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ TURN_COST = 0.3  # [m/rad]; how far a turn counts as
 EXAMINED = 10  # places that are checked in full
 SAMPLED = 2  # grasps by which all places are compared
 MAX_GRASPS = 16  # of those asked for; they are near to each other
+NO_TURN = nullcontext()
 BODY = ((0.05, 0.35, 0.28), (0.35, 1.2, 0.22))  # [m]; from, to, radius: base, torso
 
 
@@ -45,6 +47,7 @@ def suggest_base(
     start: FloatArray | None = None,
     points_base: FloatArray | None = None,
     boxes: Sequence[SolidBox] = (),
+    turn: AbstractContextManager[object] = NO_TURN,
 ) -> BaseSuggestion:
     """Find a near place from which most of the grasps are reached.
 
@@ -58,6 +61,7 @@ def suggest_base(
         start: Present configuration, shape (J,).
         points_base: Seen surface in [m], shape (M, 3).
         boxes: Solid boxes.
+        turn: Entered for each check, so that other users of the checker come between.
     """
     grasps = T_base_grippers[:MAX_GRASPS]
     points = np.empty((0, 3)) if points_base is None else points_base
@@ -72,12 +76,11 @@ def suggest_base(
     ranked = _rank(checker, places, grasps[:SAMPLED], names)
     best = BaseSuggestion(np.eye(4), 0)
     for T in ranked[:EXAMINED]:
-        result = checker.check(
-            invert(T) @ grasps,
-            arms=names,
-            start=start,
-            obstacles=_seen_from(T, points, boxes),
-        )
+        seen = _seen_from(T, points, boxes)
+        with turn:
+            result = checker.check(
+                invert(T) @ grasps, arms=names, start=start, obstacles=seen
+            )
         count = int(result.reachable.sum())
         if count > best.reachable:
             best = BaseSuggestion(T, count)

@@ -42,6 +42,29 @@ def test_seen_points_keep_the_base_away(reach):
     )
 
 
+class Turn:
+    inside, entered = False, 0
+
+    def __enter__(self):
+        self.inside, self.entered = True, self.entered + 1
+
+    def __exit__(self, *_):
+        self.inside = False
+
+
+def test_the_turn_is_taken_for_each_check(reach, monkeypatch):
+    turn, checks, check = Turn(), [], reach.check
+
+    def watched(*args, **options):
+        checks.append(turn.inside)
+        return check(*args, **options)
+
+    monkeypatch.setattr(reach, "check", watched)
+    suggest_base(reach, make_transform(DOWN, np.array([[1.3, 0.1, 0.8]])), turn=turn)
+    assert checks and all(checks)
+    assert turn.entered == len(checks) and not turn.inside
+
+
 def test_no_place_reaches_what_is_too_high(reach):
     grasps = make_transform(DOWN, np.array([[0.6, 0.0, 3.0]]))
     place = suggest_base(reach, grasps)
