@@ -141,6 +141,9 @@ class SimulatedRobot:
         """Return the measured configuration, shape (J,)."""
         return np.array(self.world.snapshot.robot.q)
 
+    def check_stop(self) -> None:
+        """Let every search go on: nobody stops a round."""
+
     def opening(self, gripper: str) -> float:
         """Return the measured opening of jaws in [m]."""
         q, names = self.world.snapshot.robot.q, self.world.setup.joint_names

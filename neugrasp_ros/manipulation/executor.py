@@ -79,6 +79,13 @@ class Hardware(Protocol):
     def opening(self, gripper: str) -> float:
         """Return the measured opening of jaws in [m]."""
 
+    def check_stop(self) -> None:
+        """Let a search go on.
+
+        Raises:
+            CanceledError: If it shall stop.
+        """
+
     def surroundings(self) -> Surroundings:
         """Return what is around now."""
 
@@ -185,7 +192,8 @@ class GraspExecutor:
         """Plan until the hand hangs over its arm's box."""
         q = self._hardware.configuration()
         point = np.array(self._config.drop_point(arm))
-        return self._mover.plan_drop(q, arm, point, around, box)
+        stop = self._hardware.check_stop
+        return self._mover.plan_drop(q, arm, point, around, box, stop)
 
     def _carry(self, arm: str, around: Surroundings, box: CarriedBox | None) -> None:
         """Move over the box; where what is held leaves no way, as if it were not."""

@@ -6,7 +6,7 @@ group, at rest at both ends, inside the limits and checked against robot and sce
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -34,6 +34,7 @@ OWN_MARGIN = 0.02  # [m]; seen points so near to what is carried are its own
 JERK_SHARE = 0.7  # a controller's polynomial between two points needs the rest
 DROP_YAWS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)  # [rad]
 DROP_TILTS = (0.0, 0.4)  # [rad]; of the hand, which need not hang straight down
+LEAST_SEARCH = 0.05  # [s]; a shorter one is not worth its beginning
 REACH_WORDS = {
     Reach.NO_IK: "no arm posture brings the hand there",
     Reach.LIMITS: "only postures beyond the joint limits bring the hand there",
@@ -177,6 +178,7 @@ class ArmMover:
         goal: FloatArray,
         around: Surroundings,
         carried: CarriedBox | None = None,
+        longest: float = np.inf,
     ) -> Trajectory:
         """Plan through free space.
 
@@ -186,11 +188,12 @@ class ArmMover:
             goal: Its joint values, shape (n,).
             around: The scene.
             carried: What the group's hand carries, if anything.
+            longest: Search in [s], where ``config.timeout`` is not shorter.
 
         Raises:
             MotionError: If an end is in collision or no way was found in time.
         """
-        planner = self._planner(group, q, around, goal, carried)
+        planner = self._planner(group, q, around, goal, carried, longest)
         start = self._inside(q[self.robot.group_indices(group)], group)
         return planner.move(start, goal, step=self.config.sample_step)
 
@@ -210,8 +213,11 @@ class ArmMover:
         point_base: FloatArray,
         around: Surroundings,
         carried: CarriedBox | None = None,
+        check_stop: Callable[[], None] = lambda: None,
     ) -> Trajectory:
         """Plan until the hand hangs over a point.
+
+        All postures over it share ``config.drop_time``.
 
         Args:
             q: Present configuration, shape (J,).
@@ -219,21 +225,28 @@ class ArmMover:
             point_base: Where the TCP goes in [m], shape (3,).
             around: The scene.
             carried: What the hand carries, if anything.
+            check_stop: Called before each search; raises where it was told to stop.
 
         Raises:
             UnreachableError: If the arm does not reach the point.
             MotionError: As ``plan_to``.
         """
+        deadline = time.perf_counter() + self.config.drop_time
         goals = self._hanging(q, arm, point_base, around, carried)
         if not len(goals):
             where = np.round(point_base, 3).tolist()
             raise UnreachableError(int(Reach.NO_IK), f"{arm} cannot hang over {where}")
-        for goal in goals[:-1]:
+        problem = MotionError(f"no way to the box within {self.config.drop_time} s")
+        for goal in goals:
+            check_stop()
+            left = deadline - time.perf_counter()
+            if left < LEAST_SEARCH:
+                break
             try:
-                return self.plan_to(q, arm, goal, around, carried)
-            except MotionError:
-                continue
-        return self.plan_to(q, arm, goals[-1], around, carried)
+                return self.plan_to(q, arm, goal, around, carried, left)
+            except MotionError as error:
+                problem = error
+        raise problem
 
     def plan_shift(self, q: FloatArray, arm: str, shift_base: FloatArray) -> Trajectory:
         """Plan a straight shift of the hand without a look at the scene.
@@ -311,6 +324,7 @@ class ArmMover:
         around: Surroundings,
         goal: FloatArray,
         carried: CarriedBox | None = None,
+        longest: float = np.inf,
     ) -> TransitPlanner:
         """Return a planner that keeps clear, or as clear as its two ends allow."""
         config = self.config
@@ -321,7 +335,7 @@ class ArmMover:
             tight = _loaded(self.checker.collisions, group, carried)
             is_free = _FreeCheck(tight, group, q, around)
         settings = TransitConfig(
-            timeout=config.timeout,
+            timeout=min(config.timeout, longest),
             check_step=config.check_step,
             shortcut_time=config.shortcut_time,
         )

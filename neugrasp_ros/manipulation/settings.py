@@ -19,6 +19,12 @@ class MoverConfig(Checked):
         0.012, "Distance kept by all links on the way through free space [m]", 0.0, 0.1
     )
     timeout: float = option(6.0, "Longest search for a way [s]", 0.05, 30.0)
+    drop_time: float = option(
+        18.0,
+        "Longest search for a way to a box, all postures there [s]",
+        0.1,
+        120.0,
+    )
     shortcut_time: float = option(0.1, "Time to shorten a way [s]", 0.0, 5.0)
     check_step: float = option(
         0.02, "Largest change of a joint between checked postures [rad]", 0.005, 0.1

@@ -82,6 +82,15 @@ class Controllers:
         """Allow motion again."""
         self._stop.clear()
 
+    def check_stop(self) -> None:
+        """Let a search for a motion go on.
+
+        Raises:
+            CanceledError: If a stop was requested.
+        """
+        if self._stop.is_set():
+            raise CanceledError("stopped before the next motion")
+
     def missing(self) -> list[str]:
         """Return the controllers that nobody offers."""
         return [n for n, c in self._clients.items() if not c.server_is_ready()]
@@ -163,8 +172,7 @@ class Controllers:
         self, goals: Mapping[str, FollowJointTrajectory.Goal], *, strict: bool
     ) -> None:
         """Send goals at once and wait for all; one that fails stops the others."""
-        if self._stop.is_set():
-            raise CanceledError("stopped before the next motion")
+        self.check_stop()
         for name in goals:
             if not self._clients[name].server_is_ready():
                 raise MotionError(f"nobody offers {name}/follow_joint_trajectory")

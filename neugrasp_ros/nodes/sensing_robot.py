@@ -31,6 +31,9 @@ class Driver(Protocol):
     def configuration(self) -> FloatArray:
         """Return the measured configuration, shape (J,)."""
 
+    def check_stop(self) -> None:
+        """Raise ``CanceledError`` where a stop was requested."""
+
     def follow(self, group: str, motion: Trajectory) -> None:
         """Carry out a motion."""
 
@@ -138,6 +141,10 @@ class SensingRobot:
     def configuration(self) -> FloatArray:
         """Return the measured configuration, shape (J,)."""
         return self._driver.configuration()
+
+    def check_stop(self) -> None:
+        """Raise ``CanceledError`` where a stop was requested."""
+        self._driver.check_stop()
 
     def follow(self, group: str, motion: Trajectory) -> None:
         """Carry out a motion."""

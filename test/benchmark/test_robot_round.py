@@ -60,6 +60,9 @@ class Robot:
         if motion == "drop":
             self.in_box.add(self.names[len(self.in_box)])
 
+    def check_stop(self):
+        pass
+
     def move_jaws(self, gripper, opening):
         pass
 
@@ -96,7 +99,7 @@ class Mover:
     def plan_shift(self, q, arm, shift):
         return "shift"
 
-    def plan_drop(self, q, arm, point, around, carried=None):
+    def plan_drop(self, q, arm, point, around, carried=None, check_stop=None):
         if not self.way:
             raise MotionError("no free way found")
         return "drop"

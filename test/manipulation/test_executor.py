@@ -42,6 +42,9 @@ class Hardware:
     def surroundings(self):
         return Surroundings()
 
+    def check_stop(self):
+        pass
+
     def has_moved(self, T):
         return self._moved.pop(0)
 
@@ -70,7 +73,8 @@ class Mover:
             raise MotionError("the start is in collision")
         return "home"
 
-    def plan_drop(self, q, arm, point, around, carried=None):
+    def plan_drop(self, q, arm, point, around, carried, check_stop):
+        check_stop()
         if carried is not None and not self.way_with_box:
             raise MotionError("the start is in collision")
         return "drop" if carried is None else "careful drop"
@@ -108,6 +112,20 @@ def test_a_grasp_goes_through_its_stages_and_the_object_into_the_box():
     assert executor.held is None
     with pytest.raises(MotionError, match="no hand holds"):
         executor.drop()
+
+
+def test_a_cancel_ends_the_search_for_a_way_to_the_box():
+    hardware = Hardware()
+    executor, _, _ = run(hardware)
+    hardware.done.clear()
+
+    def stop():
+        raise CanceledError("stopped")
+
+    hardware.check_stop = stop
+    with pytest.raises(CanceledError):
+        executor.drop()
+    assert hardware.done == [] and executor.held.arm == ARM
 
 
 class StuckOnce(Hardware):

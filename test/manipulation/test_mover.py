@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion of the real robot model at a table, every sample checked."""
 
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from neugrasp_ros.errors import UnreachableError
+from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.manipulation.mover import ArmMover, Surroundings
 from neugrasp_ros.robot.attachment import CarriedBox, LoadedChecker
@@ -149,3 +152,31 @@ def test_points_of_what_is_carried_are_no_obstacles(mover):
     points = np.array([hand @ inside, hand @ beside])[:, :3]
     left = Surroundings(points).without_box(hand, box).points
     assert left == pytest.approx(points[1:])
+
+
+def test_all_searches_for_a_way_to_the_box_share_one_deadline(mover, monkeypatch):
+    given, postures = [], np.zeros((50, 8))
+
+    def search(q, arm, goal, around, carried, longest):
+        given.append(longest)
+        time.sleep(0.05)
+        raise MotionError("the start is in collision")
+
+    monkeypatch.setattr(mover, "plan_to", search)
+    monkeypatch.setattr(mover, "_hanging", lambda *_: postures)
+    monkeypatch.setattr(mover, "config", replace(mover.config, drop_time=0.3))
+    ask = (mover.robot.home, "arm_left_torso", np.zeros(3), AROUND)
+    with pytest.raises(MotionError, match="in collision"):
+        mover.plan_drop(*ask)
+    assert 1 <= len(given) <= 6
+    assert given[0] <= 0.3 and given == sorted(given, reverse=True)
+    given.clear()
+
+    def stop():
+        if len(given) == 2:
+            raise CanceledError("stopped")
+
+    monkeypatch.setattr(mover, "config", replace(mover.config, drop_time=30.0))
+    with pytest.raises(CanceledError):
+        mover.plan_drop(*ask, check_stop=stop)
+    assert len(given) == 2

@@ -39,6 +39,9 @@ class Driver:
         if self.fails:
             raise MotionError("blocked")
 
+    def check_stop(self):
+        pass
+
     def move_jaws(self, gripper, opening):
         pass
 
