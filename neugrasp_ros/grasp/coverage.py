@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from neugrasp_ros.geometry.gripper import Gripper
+from neugrasp_ros.geometry.support import ABOVE_SUPPORT
 from neugrasp_ros.grasp.ranking import distinct
 from neugrasp_ros.grasp.sampling import Proposals, SamplerConfig, propose
 
@@ -20,7 +21,6 @@ BoolArray = NDArray[np.bool_]
 
 NEAR = 0.04  # [m]; a point this near to a TCP, seen from above, has a proposal
 BESIDE = 0.04  # [m]; what is this near to a bare point is tried again with it
-ABOVE_SUPPORT = 0.008  # [m]; what is lower is the support
 LEAST_POINTS = 8  # fewer bare points are not tried again
 SEED_POINTS = 1000  # surface points that share the usual number of seeds
 POINTS_PER_SEED = 4  # where it is tried again

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.fusion.tsdf import TsdfVolume, seen_surface
+from neugrasp_ros.geometry.support import ABOVE_SUPPORT
 from neugrasp_ros.geometry.transform import apply, invert
 
 FloatArray = NDArray[np.float64]
@@ -20,7 +21,6 @@ BETWEEN = 0.03  # [m]; behind the TCP, where the object is held
 LEAST_POINTS = 15
 GONE_SHARE = 0.15  # of the object's seen surface that is empty space now
 CLEAR_OF_SURFACE = 0.8  # of the truncation, about 15 mm
-ABOVE_SUPPORT = 0.008  # [m]; what is lower is the support itself
 
 
 class SeenScene(NamedTuple):

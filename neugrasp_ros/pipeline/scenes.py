@@ -12,6 +12,7 @@ from torch import Tensor
 from neugrasp_ros.errors import ConfigError, EmptySceneError, ShapeError
 from neugrasp_ros.fusion.tsdf import TsdfVolume
 from neugrasp_ros.geometry.grid import ScalarGrid
+from neugrasp_ros.geometry.support import ABOVE_SUPPORT
 from neugrasp_ros.scene.cubes import (
     blend_shares,
     busy,
@@ -41,7 +42,6 @@ Box = tuple[FloatArray, FloatArray]
 
 EDGE = 0.3  # [m], of the cube that networks learn
 EDGE_TOLERANCE = 0.05  # share of it that a cube may be larger or smaller
-ABOVE_SUPPORT = 0.008  # [m]; what reaches less far above its support is the support
 NEGLIGIBLE = 0.02  # a cube is not asked where it counts for less than this share
 
 

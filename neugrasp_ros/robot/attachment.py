@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from neugrasp_ros.geometry.support import ABOVE_SUPPORT
 from neugrasp_ros.geometry.transform import apply, invert
 from neugrasp_ros.robot.bodies import Hulls, body_balls, body_poses, pack_hulls
 from neugrasp_ros.robot.collision import CollisionChecker
@@ -21,7 +22,6 @@ FloatArray = NDArray[np.float64]
 
 LINK = "carried"  # name of the body in contacts
 REACH = (0.08, 0.0475, 0.10)  # [m]; of the object from the TCP along x, y, z of a hand
-ABOVE_SUPPORT = 0.008  # [m]; what is lower is what the object stands on
 GAP = 0.012  # [m]; seen points further apart are of two objects
 BETWEEN = 0.02  # [m]; points so near to the axis between the jaws are surely its own
 LEAST_POINTS = 10
