@@ -22,7 +22,7 @@ demo: setup
 	.venv/bin/neugrasp demo --seed $(SEED) $(ARGS)
 
 test: setup
-	@sh tools/check.sh lint library ros
+	@sh tools/check.sh lint library slow ros
 
 lint: setup
 	@sh tools/check.sh lint

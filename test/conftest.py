@@ -9,7 +9,6 @@ import tempfile
 import pytest
 
 DOMAINS = range(1, 101)
-PARTS = 4  # processes at most, as tools/check.sh asks for
 LOCK_PORT = 31000  # of domain 0; a bound socket reserves a domain on this machine
 
 # Before anything imports rclpy. A domain that the caller uses is not ours to talk in.
@@ -44,29 +43,7 @@ def pytest_report_header() -> str:
     return f"ROS domain {os.environ['ROS_DOMAIN_ID']}, this machine only"
 
 
-def slow_ones_early(items: list[pytest.Item]) -> list[pytest.Item]:
-    """Spread slow tests over the starts of what up to four processes begin with.
-
-    ``worksteal`` gives each process a stretch of the list and lets the others take from
-    its end; a slow test there would leave one process alone with it. Tests with nodes
-    run in one process and stay together.
-    """
-    slow = [
-        item
-        for item in items
-        if item.get_closest_marker("slow") and not item.get_closest_marker("ros")
-    ]
-    chosen = set(slow)
-    rest = [item for item in items if item not in chosen]
-    ordered = []
-    for part in range(PARTS):
-        ends = [len(rest) * end // PARTS for end in (part, part + 1)]
-        ordered += [*slow[part::PARTS], *rest[slice(*ends)]]
-    return ordered
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items[:] = slow_ones_early(items)
     on_gpu = [item for item in items if item.get_closest_marker("gpu")]
     if not on_gpu:
         return

@@ -25,6 +25,20 @@ SMALL_NETWORK = NetworkConfig(
     pointnet_out=16,
 )
 
+AFFORDING_NETWORK = NetworkConfig(
+    resolution=32,
+    plane_resolution=8,
+    channels=4,
+    unet_depth=2,
+    unet_channels=4,
+    occupancy_hidden=8,
+    occupancy_blocks=1,
+    local_points=32,
+    pointnet_width=8,
+    pointnet_out=16,
+    affordances=("cut", "pour"),
+)
+
 
 @torch.no_grad()
 def diamond_network(

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from diamond import EDGE, SLOPE, diamond_network
+from diamond import AFFORDING_NETWORK, EDGE, SLOPE, diamond_network
 from field_shapes import hand_at
 
-from neugrasp_ros.config import NetworkConfig, PlannerConfig
+from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.errors import (
     CheckpointError,
     ConfigError,
@@ -27,27 +27,16 @@ from neugrasp_ros.pipeline import GraspPlanner
 from neugrasp_ros.pipeline.scoring import BATCH
 from neugrasp_ros.scene.workers import torch_threads
 
-SIZE = 32
+SIZE = AFFORDING_NETWORK.resolution
 CENTER, RADIUS = np.array([0.15, 0.15, 0.09]), 0.04  # [m]
-NETWORK = NetworkConfig(
-    resolution=SIZE,
-    plane_resolution=8,
-    channels=4,
-    unet_depth=2,
-    unet_channels=4,
-    occupancy_hidden=8,
-    occupancy_blocks=1,
-    local_points=32,
-    pointnet_width=8,
-    pointnet_out=16,
-    affordances=("cut", "pour"),
-)
 
 
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory):
     path = tmp_path_factory.mktemp("weights") / "diamond.safetensors"
-    save_network(diamond_network(NETWORK, CENTER, RADIUS), path, {"made": "by hand"})
+    save_network(
+        diamond_network(AFFORDING_NETWORK, CENTER, RADIUS), path, {"made": "by hand"}
+    )
     return path
 
 
@@ -213,7 +202,7 @@ def test_poses_and_widths_must_be_finite(planner, scene, candidates, value):
 
 def test_a_scene_without_surface_has_no_candidates(tmp_path):
     path = tmp_path / "nothing.safetensors"
-    save_network(diamond_network(NETWORK, CENTER, -0.1), path)
+    save_network(diamond_network(AFFORDING_NETWORK, CENTER, -0.1), path)
     planner = planner_of(path)
     scene = planner.encode(seen_volume(), revision=1)
     assert len(planner.render(scene).points) == 0

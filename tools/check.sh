@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs the named groups of checks (lint, library, ros) to their end, then sums up.
+# Runs the named groups of checks (lint, library, slow, ros) to their end, then sums up.
 cd "$(dirname "$0")/.." || exit 1
 summary=""
 failed=0
@@ -16,6 +16,11 @@ check() { # name, command...
     fi
 }
 
+parallel() { # marker: as many processes as cores, up to 4, one thread each
+    env OMP_NUM_THREADS=1 .venv/bin/python -m pytest -m "$1" \
+        --numprocesses auto --maxprocesses 4 --dist worksteal
+}
+
 for group in "$@"; do
     case $group in
         lint)
@@ -24,13 +29,10 @@ for group in "$@"; do
             check "mypy" .venv/bin/mypy
             check "import contracts" .venv/bin/lint-imports
             ;;
-        library)
-            # As many processes as cores, up to 4; each with one thread of its own.
-            check "library tests" env OMP_NUM_THREADS=1 .venv/bin/python -m pytest \
-                -m "not ros" --numprocesses auto --maxprocesses 4 --dist worksteal
-            ;;
+        library) check "library tests" parallel "not ros and not slow" ;;
+        slow) check "slow tests" parallel "slow and not ros" ;;
         ros) check "ROS tests" .venv/bin/python -m pytest -m ros ;;
-        *) check "$group: lint, library or ros" false ;;
+        *) check "$group: lint, library, slow or ros" false ;;
     esac
 done
 printf "\n== summary$summary\n"

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
+import pytest
 from matplotlib.image import imread
 from sim_shapes import block_set, looking_down
 
@@ -14,6 +15,7 @@ def grasp_the_air(look, rng):
     return Plan(GraspSet(poses, np.array([0.08]), np.array([0.5])))
 
 
+@pytest.mark.slow
 def test_every_failure_has_a_picture_and_its_reason_a_sentence(tmp_path):
     assert set(SENTENCES) == set(FAILURES)
     suite = Suite(scene="packed", objects="blocks", part="all", count=1)

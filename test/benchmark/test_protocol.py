@@ -38,6 +38,7 @@ def grasp_the_air(look, rng):
     return Plan(GraspSet(poses, np.array([0.08]), np.array([0.5])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", ["vgn", "strict"])
 def test_a_policy_that_knows_the_scene_clears_it(protocol):
     seen = []
@@ -94,6 +95,7 @@ def test_a_view_of_nothing_takes_the_objects_out_of_the_count():
     assert record.n_counted == 0
 
 
+@pytest.mark.slow
 def test_a_round_depends_on_seed_and_index_alone():
     draws = []
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from neugrasp_ros.datagen.candidates import (
-    SOURCES,
+    DRAWN,
     CandidateConfig,
     draw_candidates,
     is_side,
@@ -34,7 +34,7 @@ def test_the_mix_has_the_wanted_numbers_and_sources(name):
     gripper = load_gripper(name)
     found = draw(name, n_trials=60, n_collisions=20)
     assert 50 <= (~found.blocked).sum() <= 64
-    counts = np.bincount(found.sources[~found.blocked], minlength=len(SOURCES))
+    counts = np.bincount(found.sources[~found.blocked], minlength=len(DRAWN))
     np.testing.assert_allclose(counts / 60, CandidateConfig().shares, atol=0.06)
     assert is_side(found.poses).mean() >= 0.25
     openings = np.full(len(found.poses), gripper.max_opening)

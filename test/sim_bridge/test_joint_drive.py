@@ -81,6 +81,7 @@ def test_a_stop_keeps_every_limit_and_stays_on_the_way(share):
     assert drive.setpoint(now).velocity == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 def test_a_stop_keeps_the_jerk_limit_between_any_two_steps():
     for share in np.linspace(0.02, 0.98, 30):
         drive, track = started()

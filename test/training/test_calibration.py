@@ -24,6 +24,7 @@ def rendered(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_calibration_brings_means_to_their_rates_and_says_how_good_it_is(rendered):
     network = diamond_network(NETWORK, CENTER, 0.04)
     labels = labels_of(*HANDS, index=7)

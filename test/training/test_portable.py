@@ -29,6 +29,7 @@ def killed(tmp_path, eager_checkpoints):
     return kept
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_from_the_small_files_alone(killed, tmp_path):
     whole, resumed = small_model(), small_model()
     optimise(whole, LineFit(whole), CONFIG, tmp_path / "whole" / STAGE)

@@ -44,6 +44,7 @@ def network() -> GraspNetwork:
     return GraspNetwork(NETWORK).train()
 
 
+@pytest.mark.slow
 def test_the_detector_alone_overfits_and_the_scene_stays(cache, network, tmp_path):
     before = {k: v.clone() for k, v in network.scene.state_dict().items()}
     stage = QualityStage(network, cache, CONFIG)

@@ -35,6 +35,7 @@ def test_the_stages_are_the_papers_terms_one_after_the_other():
     ]
 
 
+@pytest.mark.slow
 def test_a_scene_is_rendered_once(rendered):
     path = rendered / "tune_scenes" / "0000007.npz"
     entry, stamp = load_entry(path), path.stat().st_mtime_ns
