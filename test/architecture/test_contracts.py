@@ -50,10 +50,12 @@ def copy(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_import_contracts_are_kept(copy):
     assert check_imports(copy) == ""
 
 
+@pytest.mark.slow
 def test_forbidden_imports_are_found(copy):
     for file, module in FORBIDDEN:
         with (copy / file).open("a") as source:
@@ -64,6 +66,7 @@ def test_forbidden_imports_are_found(copy):
         assert f"{importer} -> {module} (l." in told
 
 
+@pytest.mark.slow
 def test_a_new_top_level_module_must_be_placed(copy):
     (copy / "neugrasp_ros" / "unplaced.py").touch()
     assert "unplaced" in check_imports(copy)
