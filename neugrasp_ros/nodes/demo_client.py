@@ -222,7 +222,8 @@ class DemoClient(Node):
                 continue
             if result.decision is None:
                 result.decision = self._decision(answer.grasps)
-            put_elsewhere_first(answer.grasps, failed)
+            if not scene.affordance:  # else quality alone is not the server's order
+                put_elsewhere_first(answer.grasps, failed)
             attempt = self._attempt(answer.grasps)
             result.attempts.append(attempt)
             failures = 0 if attempt.success else failures + 1

@@ -1,31 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fast path against the literal one, on a network whose scene is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from diamond import diamond_network
+from diamond import AFFORDING_NETWORK, diamond_network
 
 from neugrasp_ros.benchmark.equivalence import check_rays, check_scores
 from neugrasp_ros.benchmark.shots import Shot
-from neugrasp_ros.config import NetworkConfig, PlannerConfig
+from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.geometry.camera import Intrinsics
 from neugrasp_ros.geometry.transform import look_at
 from neugrasp_ros.model import save_network
 from neugrasp_ros.pipeline import GraspPlanner
 
 CENTER, RADIUS = np.array([0.15, 0.15, 0.09]), 0.05  # [m]
-NETWORK = NetworkConfig(
-    resolution=32,
-    plane_resolution=8,
-    channels=4,
-    unet_depth=2,
-    unet_channels=4,
-    occupancy_hidden=8,
-    occupancy_blocks=1,
-    local_points=32,
-    pointnet_width=8,
-    pointnet_out=16,
-)
+NETWORK = replace(AFFORDING_NETWORK, affordances=())
 
 
 @pytest.fixture(scope="module")
