@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from neugrasp_ros.benchmark.protocol import Look, Plan
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.fusion.tsdf import empty_volume, integrate
-from neugrasp_ros.grasp.ranking import elsewhere_first
+from neugrasp_ros.grasp.ranking import quality_after_failures
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.pipeline import EncodedScene, GraspPlanner
 
@@ -77,9 +77,10 @@ def worth_trying(scored: GraspSet, failed: tuple[FloatArray, ...]) -> GraspSet:
         scored: Scored grasps.
         failed: Poses that failed in this round, each (4, 4).
     """
-    good = scored.take(scored.quality >= MIN_QUALITY)
     points = np.array([pose[:3, 3] for pose in failed]).reshape(-1, 3)
-    return good.take(elsewhere_first(good.poses[:, :3, 3], good.quality, points))
+    left = quality_after_failures(scored.poses[:, :3, 3], scored.quality, points)
+    order = np.argsort(-left, kind="stable")
+    return scored.take(order[left[order] >= MIN_QUALITY])
 
 
 def answer(

@@ -92,13 +92,16 @@ def spread(
     return np.lexsort((-np.asarray(scores), rank))[:n_max]
 
 
-def elsewhere_first(
+def quality_after_failures(
     positions: FloatArray, quality: FloatArray, failed: FloatArray
-) -> IntArray:
-    """Order grasps best first, those where one has failed behind nearly as good ones.
+) -> FloatArray:
+    """Return what is left of quality where grasps have failed.
 
     Why a grasp that looked good has failed is often the object's and cannot be seen,
-    as its mass: then the next one on the same object fails as well.
+    as its mass: then the next one on the same object fails as well. Among the grasps
+    that the network chose for itself on training objects (``datagen --chosen``) 84 %
+    held, next to one that failed 66 %, next to two 39 %: after two failures no quality
+    is left that makes another attempt at the same place worth while.
 
     Args:
         positions: TCPs in any frame in [m], shape (G, 3).
@@ -109,4 +112,4 @@ def elsewhere_first(
     for position in failed:
         near = np.linalg.norm(positions - position, axis=1) < FAILURE_REACH
         quality[near] -= FAILURE_COST
-    return np.argsort(-quality, kind="stable")
+    return quality

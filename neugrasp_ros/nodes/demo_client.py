@@ -24,7 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image, PointCloud2
 
 from neugrasp_ros.errors import NeuGraspError
-from neugrasp_ros.grasp.ranking import elsewhere_first
+from neugrasp_ros.grasp.ranking import quality_after_failures
 from neugrasp_ros.nodes.compat.clouds import read_points
 from neugrasp_ros.nodes.compat.images import read_depth
 from neugrasp_ros.nodes.conversions import (
@@ -322,7 +322,8 @@ def put_elsewhere_first(array: GraspArray, failed: Sequence[FloatArray]) -> None
         return
     positions = np.array([position_of(grasp) for grasp in array.grasps])
     quality = np.array([grasp.quality for grasp in array.grasps])
-    order = elsewhere_first(positions, quality, np.array(failed))
+    left = quality_after_failures(positions, quality, np.array(failed))
+    order = np.argsort(-left, kind="stable")
     array.grasps = [array.grasps[i] for i in order]
 
 

@@ -38,3 +38,4 @@ def test_only_good_grasps_are_tried_and_another_object_first_after_a_failure() -
     assert worth_trying(scored, ()).quality.tolist() == [0.95, 0.9, 0.8]
     after = worth_trying(scored, (places[1],))
     assert after.quality.tolist() == [0.8, 0.95, 0.9]
+    assert worth_trying(scored, (places[1],) * 2).quality.tolist() == [0.8]

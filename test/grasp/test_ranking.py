@@ -3,7 +3,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from neugrasp_ros.geometry.transform import flip_gripper, make_transform
-from neugrasp_ros.grasp.ranking import distinct, elsewhere_first, spread
+from neugrasp_ros.grasp.ranking import distinct, quality_after_failures, spread
 
 
 def turned(angle, x=0.0):
@@ -34,13 +34,15 @@ def test_nothing_spreads_to_nothing():
     assert len(distinct(np.zeros((0, 4, 4)), np.zeros(0), 0.02, 0.3)) == 0
 
 
-def test_where_one_has_failed_others_come_first_if_they_are_nearly_as_good():
-    positions = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])
-    quality = np.array([0.9, 0.95, 0.7, 0.6])
-    assert elsewhere_first(positions, quality, np.zeros((0, 3))).tolist() == [
-        1, 0, 2, 3,
-    ]  # fmt: skip
-    failed = np.array([[0.01, 0, 0]])
-    assert elsewhere_first(positions, quality, failed).tolist() == [2, 1, 0, 3]
-    assert quality.tolist() == [0.9, 0.95, 0.7, 0.6]
-    assert len(elsewhere_first(np.zeros((0, 3)), np.zeros(0), failed)) == 0
+def test_every_failure_nearby_costs_quality():
+    positions = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.2, 0, 0]])
+    quality = np.array([0.9, 0.95, 0.7])
+    none = quality_after_failures(positions, quality, np.zeros((0, 3)))
+    np.testing.assert_allclose(none, quality)
+    one = quality_after_failures(positions, quality, np.array([[0.01, 0, 0]]))
+    np.testing.assert_allclose(one, [0.6, 0.65, 0.7])
+    two = quality_after_failures(positions, quality, np.array([[0.01, 0, 0]] * 2))
+    np.testing.assert_allclose(two, [0.3, 0.35, 0.7])
+    assert quality.tolist() == [0.9, 0.95, 0.7]
+    nothing = quality_after_failures(np.zeros((0, 3)), np.zeros(0), positions[:1])
+    assert nothing.size == 0
