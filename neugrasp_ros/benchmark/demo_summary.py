@@ -12,7 +12,7 @@ import numpy as np
 from neugrasp_ros.benchmark.metrics import bootstrap_ratio, wilson_interval
 from neugrasp_ros.errors import ConfigError
 
-NEEDED = {"seed", "objects", "lifted", "attempts", "weights_sha256"}
+NEEDED = {"seed", "objects", "lifted", "attempts", "weights_sha256", "commit"}
 
 
 def load_demos(folder: str | Path) -> list[dict[str, Any]]:
@@ -68,6 +68,7 @@ def summarize_demos(demos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "results": dict(Counter(attempt["result"] for attempt in attempts)),
         "milliseconds": _stage_times(demos),
         "weights_sha256": demos[0]["weights_sha256"],
+        "commit": ", ".join(sorted({demo["commit"] for demo in demos})),
     }
 
 

@@ -53,6 +53,7 @@ def add_parser(
 
 def run(args: argparse.Namespace) -> int:
     """Start the suite, clear the table, print the attempts; 0 if one lifted."""
+    from neugrasp_ros.benchmark.report import source_commit
     from neugrasp_ros.model import default_weights, file_sha256
 
     if not default_weights().is_file():
@@ -80,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
         return STOPPED
     if args.json:
         result["weights_sha256"] = file_sha256(default_weights())
+        result["commit"] = source_commit()
         result["command"] = (
             f"neugrasp demo --robot {args.robot} --seed {args.seed} "
             f"--scene {args.scene} --objects {args.objects}"

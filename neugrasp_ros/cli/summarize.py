@@ -21,18 +21,17 @@ def add_parser(
 def run(args: argparse.Namespace) -> int:
     """Print the pooled figures, and write them."""
     from neugrasp_ros.benchmark.demo_summary import load_demos, summarize_demos
-    from neugrasp_ros.benchmark.report import source_commit, write_report
+    from neugrasp_ros.benchmark.report import write_report
 
     figures = summarize_demos(load_demos(args.folder))
     figures["command"] = "neugrasp " + " ".join(sys.argv[1:])
-    figures["commit"] = source_commit()
     if args.json:
         write_report(args.json, figures)
     low, high = figures["success_ci"]
     print(
         f"{len(figures['seeds'])} demonstrations: {figures['successes']} of "
         f"{figures['attempts']} attempts held ({figures['success_percent']:.0f} %, "
-        f"95 %: {low:.0f}-{high:.0f}), {figures['lifted']} of {figures['objects']} "
+        f"interval {low:.0f}-{high:.0f}), {figures['lifted']} of {figures['objects']} "
         f"objects lifted, at least one in {figures['demos_with_a_lift']}"
     )
     return 0

@@ -17,6 +17,7 @@ def demo(seed, outcomes, weights="a"):
         ],
         "milliseconds": [{"total": 100.0 * (seed + 1)}],
         "weights_sha256": weights,
+        "commit": f"c{seed}",
     }
 
 
@@ -39,6 +40,7 @@ def test_attempts_and_objects_are_pooled(tmp_path):
     assert figures["demos_with_a_lift"] == 1
     assert figures["results"] == {"lifted": 2, "empty": 3}
     assert figures["milliseconds"]["total"]["median"] == 150.0
+    assert figures["commit"] == "c0, c1"
 
 
 def test_mixed_weights_and_empty_or_damaged_folders_are_refused(tmp_path):
