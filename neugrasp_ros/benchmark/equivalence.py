@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is anything lost by being fast: the same rays and the same grasps, both ways."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -77,11 +77,12 @@ class ScoreCheck(NamedTuple):
     """Scores of the same grasps, both ways.
 
     Attributes:
-        gaps: Absolute differences, shape (G,).
-        best_gap: What the reference scores the fast path's best below its own.
+        gaps: Absolute differences, as many as grasps were compared.
+        best_gap: What the reference scores the fast path's best below its own; 0 if
+            there are no grasps.
     """
 
-    gaps: FloatArray
+    gaps: list[float]
     best_gap: float
 
 
@@ -91,17 +92,18 @@ def compare_scores(
     shot: Shot,
     n_grasps: int,
     rng: np.random.Generator,
-) -> ScoreCheck | None:
-    """Score the same candidates of a scene both ways; None if there are none."""
+) -> ScoreCheck:
+    """Score the same candidates of a scene both ways."""
     volume = shot.fused(fast.resolution)
     scene = fast.encode(volume, 1)
     grasps = fast.sample(scene)
     if not len(grasps):
-        return None
+        return ScoreCheck([], 0.0)
     grasps = grasps.take(rng.permutation(len(grasps))[:n_grasps])
     quick = fast.evaluate(scene, grasps).quality
     truth = slow.evaluate(slow.encode(volume, 1), grasps).quality
-    return ScoreCheck(np.abs(quick - truth), float(truth.max() - truth[quick.argmax()]))
+    gaps = np.abs(quick - truth).tolist()
+    return ScoreCheck(gaps, float(truth.max() - truth[quick.argmax()]))
 
 
 def check_rays(
@@ -142,7 +144,13 @@ def check_rays(
 
 
 def check_scores(
-    fast: GraspPlanner, shots: Sequence[Shot], *, n_grasps: int = 32, seed: int = 0
+    fast: GraspPlanner,
+    shots: Sequence[Shot],
+    *,
+    n_grasps: int = 32,
+    seed: int = 0,
+    known: Mapping[int, ScoreCheck] | None = None,
+    keep: Callable[[int, ScoreCheck], None] = lambda *_: None,
 ) -> dict[str, float]:
     """Compare scores over scenes, with a reference as of ``check_rays``.
 
@@ -150,18 +158,33 @@ def check_scores(
         fast: The fast planner.
         shots: Scenes of one cube.
         n_grasps: Grasps of a scene.
-        seed: Of the choice of grasps.
+        seed: Of the choice of grasps; each scene has a generator of its own.
+        known: Scenes that were compared before, by their number.
+        keep: Told every other scene's number and what came of it.
+
+    Returns:
+        As ``score_figures``.
+    """
+    config = replace(fast.config, renderer="compiled_reference")
+    slow = GraspPlanner(config, fast.gripper)
+    checks = dict(known or {})
+    for number, shot in enumerate(shots):
+        if number not in checks:
+            rng = np.random.default_rng([seed, number])
+            checks[number] = compare_scores(fast, slow, shot, n_grasps, rng)
+            keep(number, checks[number])
+    return score_figures([checks[number] for number in range(len(shots))])
+
+
+def score_figures(checks: Sequence[ScoreCheck]) -> dict[str, float]:
+    """Pool scenes.
 
     Returns:
         Mean and 95th percentile of the differences, and the share of the scenes in
         which the fast path's best is as good in the reference's eyes; empty if no
         scene has a candidate.
     """
-    rng = np.random.default_rng(seed)
-    config = replace(fast.config, renderer="compiled_reference")
-    slow = GraspPlanner(config, fast.gripper)
-    found = [compare_scores(fast, slow, shot, n_grasps, rng) for shot in shots]
-    checks = [check for check in found if check is not None]
+    checks = [check for check in checks if check.gaps]
     if not checks:
         return {}
     gaps = np.concatenate([check.gaps for check in checks])
@@ -172,4 +195,5 @@ def check_scores(
         "scores_mean_gap": float(gaps.mean()),
         "scores_p95_gap": float(np.percentile(gaps, 95)),
         "scores_best_as_good": float((best <= SCORE_GAP).mean()),
+        "scores_best_worst_gap": float(best.max()),
     }

@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.benchmark.report import source_commit, write_report
     from neugrasp_ros.benchmark.speed import best_of, matmul_ms
     from neugrasp_ros.benchmark.speed_figures import draw_profile, profile_table
+    from neugrasp_ros.cli.score_check import score_notes_path
     from neugrasp_ros.config import PlannerConfig
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.pipeline import GraspPlanner, use_threads
@@ -96,6 +97,8 @@ def run(args: argparse.Namespace) -> int:
         }
         if args.json:
             write_report(args.json, result)
+            if name == "scores":
+                score_notes_path(args.json).unlink(missing_ok=True)
     print(profile_table(result))
     if args.json and "stages_ms" in result:
         draw_profile(result, args.json.with_suffix(".png"))
@@ -142,8 +145,9 @@ def _part(
 
     from neugrasp_ros.benchmark import speed, speed_curves
     from neugrasp_ros.benchmark.endurance import endure
-    from neugrasp_ros.benchmark.equivalence import check_rays, check_scores
+    from neugrasp_ros.benchmark.equivalence import check_rays
     from neugrasp_ros.benchmark.shots import shoot, table
+    from neugrasp_ros.cli.score_check import noted_scores
     from neugrasp_ros.cli.service_latency import by_service
 
     few = shots[:CURVE_SCENES]
@@ -168,9 +172,7 @@ def _part(
             planner, shots[: args.reference], args.grasps
         ),
         "rays": lambda: check_rays(planner, shots[: args.rays], seed=args.seed),
-        "scores": lambda: check_scores(
-            planner, shots[: args.scores], n_grasps=args.grasps, seed=args.seed
-        ),
+        "scores": lambda: noted_scores(args, planner, shots[: args.scores]),
         "curves": lambda: {
             "curve_candidates": speed_curves.by_candidates(planner, few),
             "curve_threads": speed_curves.by_threads(planner, few),

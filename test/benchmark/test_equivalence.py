@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from diamond import AFFORDING_NETWORK, diamond_network
 
-from neugrasp_ros.benchmark.equivalence import check_rays, check_scores
+from neugrasp_ros.benchmark import equivalence
+from neugrasp_ros.benchmark.equivalence import (
+    ScoreCheck,
+    check_rays,
+    check_scores,
+    score_figures,
+)
 from neugrasp_ros.benchmark.shots import Shot
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.geometry.camera import Intrinsics
@@ -41,3 +47,34 @@ def test_rays_and_scores_agree_with_the_reference(shot, tmp_path):
     assert found["rays_met"] > 0.002
     assert found["scores_grasps"] == 3
     assert found["scores_mean_gap"] < 0.05
+
+
+def test_scenes_are_pooled_by_grasp_and_those_without_any_do_not_count():
+    checks = [ScoreCheck([0.0, 0.1, 0.2], 0.01), ScoreCheck([], 0.0)]
+    found = score_figures([*checks, ScoreCheck([0.5], 0.04)])
+    assert found["scores_scenes"] == 2
+    assert found["scores_grasps"] == 4
+    assert found["scores_mean_gap"] == pytest.approx(0.2)
+    assert found["scores_best_as_good"] == 0.5
+    assert found["scores_best_worst_gap"] == 0.04
+    assert score_figures(checks[1:]) == {}
+
+
+def test_only_scenes_that_are_not_known_are_compared(monkeypatch):
+    draws, kept = {}, {}
+
+    def compare_scores(fast, slow, shot, n_grasps, rng):
+        draws[shot] = rng.random()
+        return ScoreCheck([draws[shot]], 0.0)
+
+    def check(**more):
+        draws.clear()
+        return check_scores(planner, ["a", "b", "c"], seed=5, **more)
+
+    monkeypatch.setattr(equivalence, "compare_scores", compare_scores)
+    monkeypatch.setattr(equivalence, "GraspPlanner", lambda *_: None)
+    planner = type("Planner", (), {"config": PlannerConfig(), "gripper": None})
+    whole = check(keep=kept.__setitem__)
+    assert sorted(kept) == [0, 1, 2]
+    assert check(known={0: kept[0], 2: kept[2]}) == whole
+    assert list(draws) == ["b"]
