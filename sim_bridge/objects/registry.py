@@ -65,12 +65,22 @@ def object_set(name: str) -> ObjectSet:
             folder inside one of those that the environment variable
             ``NEUGRASP_OBJECTS`` lists. A folder's set is called like its last
             component. ``affordance/knife+scissors`` is the set ``affordance`` with
-            the objects of these categories alone.
+            the objects of these categories alone, and ``pile_train@0.8`` the set
+            ``pile_train`` with those of at least 0.8 kg alone.
 
     Raises:
         UnknownNameError: If it is none of these.
         ObjectFileError: If a folder holds no object.
+        ConfigError: If the mass is no number, or no object is so heavy.
     """
+    whole, at, mass = name.rpartition("@")
+    if at and not Path(name).is_dir():
+        return _heavy_set(object_set(whole), mass)
+    return _whole_set(name)
+
+
+def _whole_set(name: str) -> ObjectSet:
+    """Return a set by its name without a mass."""
     if name == procedural.SET_NAME:
         return ObjectSet(
             name, procedural.procedural_names(), procedural.load_procedural
@@ -143,6 +153,18 @@ def _affordance_set(categories: Iterable[str]) -> ObjectSet:
         if affordance.parse_name(name).category in wanted
     ]
     return ObjectSet(affordance.SET_NAME, names, affordance.load_affordance)
+
+
+def _heavy_set(objects: ObjectSet, least: str) -> ObjectSet:
+    """Return the objects of at least a mass in [kg]."""
+    try:
+        least_mass = float(least)
+    except ValueError:
+        raise ConfigError(f"{least!r} is no mass in kg, as in pile_train@0.8") from None
+    names = [name for name in objects.names if objects.load(name).mass >= least_mass]
+    if not names:
+        raise ConfigError(f"{objects.name!r} has no object of {least_mass} kg")
+    return ObjectSet(objects.name, names, objects.load)
 
 
 def _held_out_like(names: Iterable[str]) -> tuple[str, ...]:

@@ -115,6 +115,18 @@ def test_affordance_set_of_some_categories_keeps_its_name_and_only_these():
         object_set("affordance/fork")
 
 
+def test_a_mass_leaves_the_heavier_objects_of_a_set():
+    whole, heavy = object_set("procedural"), object_set("procedural@0.3")
+    assert heavy.name == whole.name
+    assert 0 < len(heavy) < len(whole)
+    for name in whole.names[::20]:
+        assert (name in heavy.names) == (whole.load(name).mass >= 0.3)
+    with pytest.raises(ConfigError, match="has no object of 1000.0 kg"):
+        object_set("procedural@1000")
+    with pytest.raises(ConfigError, match="'much' is no mass in kg"):
+        object_set("procedural@much")
+
+
 def test_held_out_objects_are_those_never_learned_from():
     names = part_names(object_set("affordance"), HELD_OUT)
     assert names and all(is_held_out(name) for name in names)
