@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 Report = Callable[[str, float], None]
 """Told the stage, and the share done 0..1."""
 
-RAISES = (1.0, 0.5)  # shares of the way up that are tried
+RISE_SHARES = (1.0, 0.5)  # shares of the way up that are tried
 
 _log = logging.getLogger(__name__)
 
@@ -209,7 +209,7 @@ class GraspExecutor:
     def _raise(self, arm: str) -> None:
         """Move the hand straight up, as far as the arm can, out of a narrow place."""
         q = self._hardware.configuration()
-        for share in RAISES:
+        for share in RISE_SHARES:
             up = np.array([0.0, 0.0, share * self._config.back_out])
             try:
                 shift = self._mover.plan_shift(q, arm, up)

@@ -20,7 +20,7 @@ from neugrasp_ros.motion.cartesian import line_poses, move_straight
 from neugrasp_ros.motion.grasp_motion import GraspMotion, plan_grasp
 from neugrasp_ros.motion.limits import Trajectory
 from neugrasp_ros.motion.planner import TransitConfig, TransitPlanner
-from neugrasp_ros.robot.attachment import CarriedBox, LoadedChecker
+from neugrasp_ros.robot.attachment import CarriedBox, loaded_checker
 from neugrasp_ros.robot.collision import CollisionChecker
 from neugrasp_ros.robot.contact import FREE
 from neugrasp_ros.robot.model import JointLimits, gripper_from_tcp
@@ -347,7 +347,7 @@ def _loaded(
     checker: CollisionChecker, arm: str, carried: CarriedBox | None
 ) -> CollisionChecker:
     """Return a checker that knows what the hand carries."""
-    return checker if carried is None else LoadedChecker(checker, arm, carried)
+    return checker if carried is None else loaded_checker(checker, arm, carried)
 
 
 class _FreeCheck:

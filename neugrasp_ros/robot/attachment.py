@@ -13,8 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from neugrasp_ros.geometry.support import ABOVE_SUPPORT
-from neugrasp_ros.geometry.transform import apply, invert
-from neugrasp_ros.robot.bodies import Hulls, body_balls, body_poses, pack_hulls
+from neugrasp_ros.geometry.transform import apply, invert, make_transform
+from neugrasp_ros.robot.bodies import body_poses, joint_tree, pack_hulls
 from neugrasp_ros.robot.collision import CollisionChecker
 from neugrasp_ros.robot.model import gripper_from_tcp
 
@@ -88,56 +88,30 @@ def _held_part(points: FloatArray, T_base_gripper: FloatArray) -> FloatArray:
     return points[np.isin(labels, labels[between])]
 
 
-class LoadedChecker(CollisionChecker):
-    """A collision checker whose robot carries something.
+def loaded_checker(
+    bare: CollisionChecker, arm: str, box: CarriedBox
+) -> CollisionChecker:
+    """Return a collision checker whose robot carries something.
 
     Args:
         bare: The checker of the robot with empty hands; it is left as it is.
         arm: Planning group whose hand carries.
         box: What it carries; it may touch the hand.
     """
-
-    def __init__(self, bare: CollisionChecker, arm: str, box: CarriedBox) -> None:
-        self.__dict__.update(bare.__dict__)
-        robot = self._robot
-        body = int(robot.group_indices(arm)[-1])
-        signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
-        T = self._T_body_gripper(arm, body)
-        own = pack_hulls([(body, T, box.center + signs * box.size)])
-        number = len(self.links)
-        self._hulls = _joined(self._hulls, own)
-        self.links = (*self.links, LINK)
-        self._balls = body_balls(self._hulls, len(robot.joint_names))
-        hand = f"gripper_{robot.description.groups[arm].gripper}_"
-        pairs = [
-            (g, number)
-            for g, link in enumerate(self.links[:number])
-            if self._hulls.bodies[g] != body and not link.startswith(hand)
-        ]
-        if len(self.pairs):  # links are looked at at all
-            self.pairs = np.concatenate([self.pairs, np.array(pairs, dtype=np.int64)])
-        self._scopes = {}
-
-    def _T_body_gripper(self, arm: str, body: int) -> FloatArray:
-        """Return the gripper's pose in the frame of the arm's last body, (4, 4)."""
-        robot, q = self._robot, np.array(self._robot.home, dtype=np.float64)
-        rotations = np.empty((len(q) + 1, 3, 3))
-        positions = np.empty((len(q) + 1, 3))
-        body_poses(self._tree, q, rotations, positions)
-        T_base_body = np.eye(4)
-        T_base_body[:3, :3], T_base_body[:3, 3] = rotations[body], positions[body]
-        frame = robot.description.groups[arm].tcp_frame
-        return invert(T_base_body) @ gripper_from_tcp(robot.frame_pose(q, frame))
+    robot = bare.robot
+    body = int(robot.group_indices(arm)[-1])
+    signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
+    T = _pose_in_body(bare, arm, body)
+    hull = pack_hulls([(body, T, box.center + signs * box.size)])
+    hand = f"gripper_{robot.description.groups[arm].gripper}_"
+    return bare.with_hull(hull, LINK, lambda link: link.startswith(hand))
 
 
-def _joined(first: Hulls, second: Hulls) -> Hulls:
-    """Return the hulls of both, in this order."""
-    parts = {
-        name: np.concatenate([getattr(first, name), getattr(second, name)])
-        for name in Hulls._fields
-        if not name.endswith("_starts")
-    }
-    for name, last in (("vertex_starts", first.vertices), ("face_starts", first.faces)):
-        starts = getattr(second, name)[1:] + len(last)
-        parts[name] = np.concatenate([getattr(first, name), starts])
-    return Hulls(**parts)
+def _pose_in_body(checker: CollisionChecker, arm: str, body: int) -> FloatArray:
+    """Return the gripper's pose in the frame of the arm's last body, shape (4, 4)."""
+    robot, q = checker.robot, np.array(checker.robot.home, dtype=np.float64)
+    rotations, positions = np.empty((len(q) + 1, 3, 3)), np.empty((len(q) + 1, 3))
+    body_poses(joint_tree(robot), q, rotations, positions)
+    T_base_body = make_transform(rotations[body], positions[body])
+    frame = robot.description.groups[arm].tcp_frame
+    return invert(T_base_body) @ gripper_from_tcp(robot.frame_pose(q, frame))

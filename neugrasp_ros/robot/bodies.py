@@ -153,6 +153,19 @@ def pack_hulls(items: Sequence[tuple[int, FloatArray, FloatArray]]) -> Hulls:
     )
 
 
+def join_hulls(first: Hulls, second: Hulls) -> Hulls:
+    """Return the hulls of both, in this order."""
+    parts = {
+        name: np.concatenate([getattr(first, name), getattr(second, name)])
+        for name in Hulls._fields
+        if not name.endswith("_starts")
+    }
+    for name, last in (("vertex_starts", first.vertices), ("face_starts", first.faces)):
+        starts = getattr(second, name)[1:] + len(last)
+        parts[name] = np.concatenate([getattr(first, name), starts])
+    return Hulls(**parts)
+
+
 def body_balls(hulls: Hulls, joints: int) -> FloatArray:
     """Return a ball around all hulls of each body, the base last.
 

@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a configuration hits the robot itself or the scene."""
 
+from collections.abc import Callable
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import RobotModelError, ShapeError
-from neugrasp_ros.robot.bodies import body_balls, body_poses, joint_tree, robot_hulls
+from neugrasp_ros.robot.bodies import (
+    Hulls,
+    body_balls,
+    body_poses,
+    join_hulls,
+    joint_tree,
+    robot_hulls,
+)
 from neugrasp_ros.robot.contact import (
     FREE,
     SELF,
@@ -36,6 +45,7 @@ class CollisionChecker:
     parent may touch, and so may the pairs that the description excludes.
 
     Attributes:
+        robot: The robot.
         links: Link of each hull.
         pairs: Hulls that must not touch each other, shape (P, 2).
     """
@@ -62,7 +72,7 @@ class CollisionChecker:
         Raises:
             RobotModelError: If an excluded pair names a link that does not exist.
         """
-        self._robot = robot
+        self.robot = robot
         self._tree = joint_tree(robot)
         self._hulls, self.links = robot_hulls(robot)
         self._balls = body_balls(self._hulls, len(robot.joint_names))
@@ -71,6 +81,32 @@ class CollisionChecker:
         self.pairs = self._find_pairs()[: None if check_self else 0]
         self._nothing = make_obstacles()
         self._scopes: dict[str, Scope] = {}
+
+    def with_hull(
+        self, hull: Hulls, link: str, may_touch: Callable[[str], bool]
+    ) -> "CollisionChecker":
+        """Return a checker of the same robot with one more hull; this one stays.
+
+        Args:
+            hull: The hull alone.
+            link: Its name in contacts.
+            may_touch: Tells of a link's name whether the hull may touch it; those on
+                the same body may, too.
+        """
+        other, number = copy(self), len(self.links)
+        other._hulls = join_hulls(self._hulls, hull)
+        other.links = (*self.links, link)
+        other._balls = body_balls(other._hulls, len(self.robot.joint_names))
+        other._scopes = {}
+        pairs = [
+            (g, number)
+            for g, name in enumerate(self.links)
+            if self._hulls.bodies[g] != hull.bodies[0] and not may_touch(name)
+        ]
+        if len(self.pairs):  # links are looked at at all
+            more = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+            other.pairs = np.concatenate([self.pairs, more])
+        return other
 
     def codes(
         self,
@@ -121,7 +157,7 @@ class CollisionChecker:
             held: For each path a ball, centre and radius in [m], whose points travel
                 with the hand, shape (N, 4).
         """
-        joints = self._robot.group_indices(group)
+        joints = self.robot.group_indices(group)
         return self._ask(starts, group, obstacles, (joints, paths), held)[0]
 
     def off_robot(
@@ -156,7 +192,7 @@ class CollisionChecker:
         held: FloatArray | None = None,
     ) -> tuple[IntArray, IntArray]:
         """Return code and number of the first contact on each path, or at its start."""
-        joints = len(self._robot.joint_names)
+        joints = len(self.robot.joint_names)
         if starts.ndim != 2 or starts.shape[1] != joints:
             raise ShapeError("configurations", f"(N, {joints})", starts.shape)
         moving, values = paths or (np.zeros(0, np.int64), np.zeros((len(starts), 1, 0)))
@@ -181,10 +217,10 @@ class CollisionChecker:
         bodies = self._hulls.bodies
         parents = self._tree.parents
         excluded = set()
-        for pair in self._robot.description.self_collision_exclusions:
+        for pair in self.robot.description.self_collision_exclusions:
             for name in pair:
-                if name not in self._robot.frame_names:
-                    raise RobotModelError("frame", name, self._robot.frame_names)
+                if name not in self.robot.frame_names:
+                    raise RobotModelError("frame", name, self.robot.frame_names)
             excluded |= {tuple(pair), tuple(reversed(pair))}
         slides = self._finger_bodies()
         found = []
@@ -201,7 +237,7 @@ class CollisionChecker:
 
     def _finger_bodies(self) -> set[int]:
         """Bodies of our own sliding fingers; a pair of jaws may close."""
-        names = self._robot.joint_names
+        names = self.robot.joint_names
         return {k for k, name in enumerate(names) if name.endswith("_slide_joint")}
 
     def scope(self, group: str) -> Scope:
@@ -211,8 +247,8 @@ class CollisionChecker:
         return self._scopes[group]
 
     def _make_scope(self, group: str) -> Scope:
-        everything = np.arange(len(self._robot.joint_names))
-        active = set(self._robot.group_indices(group) if group else everything)
+        everything = np.arange(len(self.robot.joint_names))
+        active = set(self.robot.group_indices(group) if group else everything)
         # joints of the group on the way from the base to each hull
         ways = [active & self._ancestors(body) for body in self._hulls.bodies]
         pairs = np.array(
@@ -223,7 +259,7 @@ class CollisionChecker:
         body_pairs, starts = np.unique(bodies[pairs], axis=0, return_index=True)
         order = np.argsort(starts)
         movers = np.array([g for g, way in enumerate(ways) if way], dtype=np.int64)
-        key = self._robot.description.groups[group].gripper if group else ""
+        key = self.robot.description.groups[group].gripper if group else ""
         hand = np.array(
             [bool(key) and self.links[g].startswith(f"gripper_{key}_") for g in movers]
         )

@@ -10,7 +10,7 @@ import pytest
 from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.manipulation.mover import ArmMover, Surroundings
-from neugrasp_ros.robot.attachment import CarriedBox, LoadedChecker
+from neugrasp_ros.robot.attachment import CarriedBox, loaded_checker
 from neugrasp_ros.robot.contact import FREE
 from neugrasp_ros.robot.model import load_robot
 from neugrasp_ros.robot.obstacles import SolidBox, make_obstacles
@@ -135,7 +135,7 @@ def test_what_is_carried_keeps_off_the_table_on_the_whole_way(mover, planned):
     side = 1.0 if "left" in arm else -1.0
     point = np.array([0.34, side * 0.62, 0.80])
     drop = mover.plan_drop(q, arm, point, AROUND, stick)
-    loaded = LoadedChecker(mover.checker.collisions, arm, stick)
+    loaded = loaded_checker(mover.checker.collisions, arm, stick)
     along = np.tile(q, (len(drop.times), 1))
     along[:, columns] = drop.positions
     codes = loaded.codes(along, arm, make_obstacles(boxes=AROUND.boxes))

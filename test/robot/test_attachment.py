@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from neugrasp_ros.robot.attachment import CarriedBox, LoadedChecker, carried_box
+from neugrasp_ros.robot.attachment import CarriedBox, carried_box, loaded_checker
 from neugrasp_ros.robot.collision import CollisionChecker
 from neugrasp_ros.robot.contact import FREE, SCENE, SELF
 from neugrasp_ros.robot.model import load_robot
@@ -80,14 +80,14 @@ BOX = CarriedBox(np.array([0.0, 0.0, 0.2]), np.full(3, 0.04))
 )
 def test_a_carried_box_is_where_the_hand_has_it(toy, where, code):
     bare = CollisionChecker(toy)
-    loaded = LoadedChecker(bare, "arm", BOX)
+    loaded = loaded_checker(bare, "arm", BOX)
     q, obstacles = np.zeros((1, 3)), make_obstacles(np.array([where]))
     assert loaded.codes(q, "arm", obstacles)[0] == code
     assert bare.codes(q, "arm", obstacles)[0] == FREE
 
 
 def test_it_goes_along_with_the_arm(toy):
-    loaded = LoadedChecker(CollisionChecker(toy), "arm", BOX)
+    loaded = loaded_checker(CollisionChecker(toy), "arm", BOX)
     q = toy.configuration({"slide": 0.3, "spin": np.pi / 2})[None]
     hit = make_obstacles(np.array([[0.0, 0.5, 1.3]]))  # x of the tip is y of the base
     assert loaded.codes(q, "arm", hit)[0] == SCENE
@@ -99,7 +99,9 @@ def test_it_goes_along_with_the_arm(toy):
 def test_it_must_not_hit_the_robot_either(toy):
     pole = CarriedBox(np.array([0.0, 0.0, 0.2]), np.array([2.7, 0.04, 0.5]))
     bare = CollisionChecker(toy)
-    loaded = LoadedChecker(bare, "arm", pole)
+    loaded = loaded_checker(bare, "arm", pole)
     assert loaded.codes(np.zeros((1, 3)), "arm")[0] == SELF
     assert set(loaded.first_contact(np.zeros(3), "arm")) == {"base", "carried"}
     assert bare.codes(np.zeros((1, 3)), "arm")[0] == FREE, "left as it was"
+    blind = CollisionChecker(toy, check_self=False)
+    assert loaded_checker(blind, "arm", pole).codes(np.zeros((1, 3)), "arm")[0] == FREE
