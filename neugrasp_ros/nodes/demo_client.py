@@ -228,7 +228,7 @@ class DemoClient(Node):
             result.attempts.append(attempt)
             failures = 0 if attempt.success else failures + 1
             if not attempt.success:
-                failed.append(position_of(answer.grasps.grasps[0]))
+                failed.append(place_of(attempt, answer.grasps))
             report(result)
         return result
 
@@ -255,9 +255,10 @@ class DemoClient(Node):
             self._pause(1.0)
 
     def _attempt(self, grasps: GraspArray) -> Attempt:
+        """Have a grasp of an answer carried out, and say which, and what came of it."""
         best = grasps.grasps[0]
         tried = self._call(self._try, TryGrasp.Request(grasp=only(grasps, best)))
-        return Attempt(best.quality, best.width, tried.success, tried.message)
+        return attempt_of(best, tried.success, tried.message)
 
     def _call(self, client: Any, request: Any, timeout: float = CALL_TIMEOUT) -> Any:
         return self._await(client.call_async(request), client.srv_name, timeout)
@@ -303,6 +304,16 @@ class DemoClient(Node):
             lower=lower,
             edge=volume.voxel_size * volume.size_x,
         )
+
+
+def attempt_of(grasp: Grasp, success: bool, result: str) -> Attempt:
+    """Return what came of a grasp."""
+    return Attempt(grasp.quality, grasp.width, success, result, grasp.id)
+
+
+def place_of(attempt: Attempt, array: GraspArray) -> FloatArray:
+    """Return the TCP of the grasp that was carried out in [m], shape (3,)."""
+    return next(position_of(g) for g in array.grasps if g.id == attempt.grasp)
 
 
 def position_of(grasp: Grasp) -> FloatArray:

@@ -73,10 +73,10 @@ def run_demo(
     record: dict[str, Any] = {}
     if isinstance(client, RobotDemoClient):
         record["largest_contact_n"] = client.largest_contact
-        if client.frames:
+        if client.shots:
             film, strip = picture.with_suffix(".gif"), _beside(picture, "strip")
-            write_film(client.frames, film)
-            write_strip(client.frames, strip)
+            write_film(client.shots, film)
+            write_strip(client.shots, strip)
             say(f"film: {film}\nstrip: {strip}")
     return {
         "scene": scene.kind,

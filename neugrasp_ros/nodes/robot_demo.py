@@ -8,6 +8,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from neugrasp_msgs.action import ExecuteGrasp
 from neugrasp_msgs.msg import Grasp, GraspArray
+from neugrasp_msgs.srv import DetectGrasps
 from numpy.typing import NDArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -19,16 +20,21 @@ from visualization_msgs.msg import Marker, MarkerArray
 from neugrasp_ros.manipulation.executor import GraspOutcome
 from neugrasp_ros.nodes.compat.images import read_color
 from neugrasp_ros.nodes.conversions import only
-from neugrasp_ros.nodes.demo_client import DemoClient, DemoError
+from neugrasp_ros.nodes.demo_client import DemoClient, DemoError, attempt_of
 from neugrasp_ros.nodes.qos import latched, newest
 from neugrasp_ros.nodes.settings import DEFAULT_SUPPORT_HEIGHT
 from neugrasp_ros.pictures.decision import Attempt
+from neugrasp_ros.pictures.film import STAGES, Shot
 
 FloatArray = NDArray[np.float64]
 
 TRIED = 3  # grasps of one answer, where the robot refuses the first
 MOTION_TIMEOUT = 600.0  # [s] of the wall clock; a busy machine simulates slowly
 WORKSPACE = "workspace.origin"
+LOOK, REACH, GRASP, LIFT, DROP = STAGES
+HOME = "home"  # on the way back, which no caption names
+SHOWN = {"close": GRASP, "lift": LIFT}
+"""Stages of the action by what a bystander would call them, where that changes."""
 REFUSED = (GraspOutcome.UNREACHABLE, GraspOutcome.ABORTED)
 
 
@@ -36,7 +42,7 @@ class RobotDemoClient(DemoClient):
     """Ask for grasps, have the robot carry them out, until the table is clear.
 
     Attributes:
-        frames: Pictures of the run, shape (H, W, 3) each.
+        shots: Pictures of the run, each with what the robot does in it.
         largest_contact: Force of robot and furniture in [N], the largest of the run.
     """
 
@@ -44,7 +50,8 @@ class RobotDemoClient(DemoClient):
 
     def __init__(self, spin: Callable[[float], None]) -> None:
         super().__init__(spin)
-        self.frames: list[NDArray[np.uint8]] = []
+        self.shots: list[Shot] = []
+        self._stage, self._before = LOOK, 0
         self.largest_contact = 0.0
         self._execute = ActionClient(self, ExecuteGrasp, "execute_grasp")
         self._drop = self.create_client(Trigger, "grasp_executor/drop")
@@ -89,6 +96,7 @@ class RobotDemoClient(DemoClient):
             if not done.successful:
                 raise DemoError(f"{WORKSPACE}: {done.reason}")
         self._call(self._reset, Trigger.Request())
+        self.shots.clear()  # of what stood there before
 
     def _support_height(self) -> float:
         """Return the top of the box that the bridge names first, the support."""
@@ -97,8 +105,14 @@ class RobotDemoClient(DemoClient):
 
     def _on_view(self, image: Image) -> None:
         frame = read_color(image)
-        if not self.frames or np.any(self.frames[-1] != frame):
-            self.frames.append(frame.copy())
+        if self.shots and np.array_equal(self.shots[-1].frame, frame):
+            return
+        known = len(_cubes(self._latest.get("objects", MarkerArray())))
+        cleared = len(self._cleared())
+        if self._stage == DROP and cleared > self._before:
+            self._stage = HOME  # the hand is empty
+        tally = f"{cleared} of {known} in the boxes"
+        self.shots.append(Shot(frame.copy(), self._stage, tally))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -110,26 +124,28 @@ class RobotDemoClient(DemoClient):
         """Have the robot carry out the best grasp that it does not refuse."""
         for best in grasps.grasps[:TRIED]:
             before = self._cleared()
+            self._stage, self._before = REACH, len(before)
             outcome, words = self._carry_out(grasps, best)
             if outcome not in REFUSED:
                 break
         if outcome is not GraspOutcome.GRASPED:
             if outcome not in REFUSED:
                 words = f"{outcome.name}: {words}"
-            return Attempt(best.quality, best.width, False, words)
+            return attempt_of(best, False, words)
+        self._stage = DROP
         dropped = self._call(self._drop, Trigger.Request(), MOTION_TIMEOUT)
         self._pause(0.7)  # of the bridge's objects, which it tells twice a second
         new = sorted(self._cleared() - before)
         if new:
-            return Attempt(best.quality, best.width, True, f"cleared {new[0]}")
+            return attempt_of(best, True, f"cleared {new[0]}")
         if not dropped.success:
             self._call(self._home, Trigger.Request(), MOTION_TIMEOUT)
         words = dropped.message or "not in the box"
-        return Attempt(best.quality, best.width, False, f"LOST: {words}")
+        return attempt_of(best, False, f"LOST: {words}")
 
     def _carry_out(self, grasps: GraspArray, best: Grasp) -> tuple[GraspOutcome, str]:
         sent = self._execute.send_goal_async(
-            ExecuteGrasp.Goal(grasp=only(grasps, best))
+            ExecuteGrasp.Goal(grasp=only(grasps, best)), self._on_progress
         )
         handle = self._await(sent, "execute_grasp", MOTION_TIMEOUT)
         if not handle.accepted:
@@ -138,9 +154,16 @@ class RobotDemoClient(DemoClient):
         result = self._await(future, "execute_grasp", MOTION_TIMEOUT).result
         return GraspOutcome(result.outcome), result.message
 
+    def _on_progress(self, message: Any) -> None:
+        self._stage = SHOWN.get(message.feedback.stage, self._stage)
+
+    def _ask(self, seed: int, affordance: str) -> DetectGrasps.Response:
+        self._stage = LOOK
+        return super()._ask(seed, affordance)
+
     def _cleared(self) -> set[str]:
         """Return the names of the objects in the bins."""
-        bins = _cubes(self._latest["bins"])
+        bins = _cubes(self._latest.get("bins", MarkerArray()))
         return {
             marker.text
             for marker in _cubes(self._latest.get("objects", MarkerArray()))

@@ -35,12 +35,14 @@ class Attempt:
         width: Commanded opening in [m].
         success: Whether the object was held.
         result: In words.
+        grasp: Name of the grasp in the answer that it comes from.
     """
 
     quality: float
     width: float
     success: bool
     result: str
+    grasp: str = ""
 
 
 @dataclass(frozen=True, eq=False)

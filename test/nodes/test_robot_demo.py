@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import (  # noqa: E402
     DiagnosticStatus,
     KeyValue,
 )
+from neugrasp_msgs.action import ExecuteGrasp  # noqa: E402
 from neugrasp_msgs.msg import Grasp, GraspArray  # noqa: E402
 from rcl_interfaces.msg import ParameterValue  # noqa: E402
 from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
@@ -103,7 +104,8 @@ def test_in_a_bin_is_within_its_walls_and_under_its_rim(client, place, cleared):
 
 def test_a_refused_grasp_gives_way_to_the_next_best(client):
     client.outcomes = [REFUSAL, SUCCESS]
-    assert client._attempt(GRASPS).success
+    attempt = client._attempt(GRASPS)
+    assert attempt.success and attempt.grasp == "g1"
     assert client.calls[:2] == ["g0", "g1"]
 
 
@@ -175,4 +177,36 @@ def test_pictures_that_show_nothing_new_are_left_out(client):
 
     for value in (10, 10, 20):
         client._on_view(picture(value))
-    assert [int(frame[0, 0, 0]) for frame in client.frames] == [10, 20]
+    assert [int(shot.frame[0, 0, 0]) for shot in client.shots] == [10, 20]
+
+
+def test_pictures_say_what_the_robot_does_and_how_far_it_is(client):
+    def look(value):
+        client._on_view(
+            write_color(np.full((2, 3, 3), value, np.uint8), "base", Time())
+        )
+        return client.shots[-1].stage, client.shots[-1].tally
+
+    assert look(0) == ("look", "0 of 1 in the boxes")
+    seen, act = [], client._carry_out
+
+    def carry_out(grasps, best):
+        seen.append(look(1))
+        for stage in ("plan", "approach", "close", "lift"):
+            feedback = ExecuteGrasp.Feedback(stage=stage)
+            client._on_progress(ExecuteGrasp.Impl.FeedbackMessage(feedback=feedback))
+            seen.append(look(len(seen) + 1))
+        return act(grasps, best)
+
+    client._carry_out, client.outcomes = carry_out, [SUCCESS]
+    client._attempt(GRASPS)
+    assert [stage for stage, _ in seen] == ["reach"] * 3 + ["grasp", "lift"]
+    assert look(9) == ("home", "1 of 1 in the boxes")
+    client.prepare_scene("table")
+    assert not client.shots
+
+
+def test_a_picture_before_the_first_scene_is_harmless(client):
+    client._latest.clear()
+    client._on_view(write_color(np.zeros((2, 3, 3), np.uint8), "base", Time()))
+    assert client.shots[-1].tally == "0 of 0 in the boxes"
