@@ -189,28 +189,6 @@ def solve_from(problem, target_rotation, target_position, q, scratch):  # type: 
 
 
 @njit(cache=True, error_model="numpy")
-def solve_near(problem, target, seeds, first, q, scratch):  # type: ignore[no-untyped-def]
-    """Solve for one target from the first seed that leads there.
-
-    Args:
-        problem: Arm, bounds, tolerances.
-        target: Pose ``T_base_tip``, shape (4, 4).
-        seeds: Start configurations, best first, shape (K, n).
-        first: Seed to begin with; K = none.
-        q: Receives the configuration, shape (n,).
-        scratch: From ``make_scratch``.
-
-    Returns:
-        Number of the seed that led there, K if none did.
-    """
-    for k in range(first, seeds.shape[0]):
-        q[:] = seeds[k]
-        if solve_from(problem, target[:3, :3], target[:3, 3], q, scratch):
-            return k
-    return seeds.shape[0]
-
-
-@njit(cache=True, error_model="numpy")
 def follow_way(problem, targets, start, max_change, way, scratch):  # type: ignore[no-untyped-def]
     """Follow a sequence of close poses, each solved from where the last two lead.
 
@@ -262,6 +240,21 @@ def follow_batch(problem, targets, starts, max_change, paths, reached):  # type:
 
 
 @njit(cache=True, error_model="numpy")
+def reach_volume(problem, q, scratch):  # type: ignore[no-untyped-def]
+    """Return sqrt(det(J J^T)) at the tip for joint values (n,)."""
+    rotation, position, axes, origins, jacobian, error, free, equations = scratch
+    error[:], free[:] = 0.0, 1.0
+    tip_and_axes(problem.chain, q, rotation, position, axes, origins)
+    fill_jacobian(problem.chain, position, axes, origins, jacobian)
+    _fill_gram(jacobian, free, 0.0, equations[0])
+    _solve_cholesky(equations[0], error, equations[1])
+    volume = 1.0
+    for k in range(6):
+        volume /= equations[0][k, k]  # the factor's diagonal, inverted
+    return volume
+
+
+@njit(cache=True, error_model="numpy")
 def reach_volumes(problem, configurations, volumes):  # type: ignore[no-untyped-def]
     """Write sqrt(det(J J^T)) at the tip.
 
@@ -270,18 +263,6 @@ def reach_volumes(problem, configurations, volumes):  # type: ignore[no-untyped-
         configurations: Joint values, shape (N, n).
         volumes: Receives the volumes, shape (N,).
     """
-    joints = configurations.shape[1]
-    rotation, position, axes, origins, jacobian, error, free, equations = make_scratch(
-        joints
-    )
-    error[:], free[:] = 0.0, 1.0
+    scratch = make_scratch(configurations.shape[1])
     for i in range(configurations.shape[0]):
-        tip_and_axes(
-            problem.chain, configurations[i], rotation, position, axes, origins
-        )
-        fill_jacobian(problem.chain, position, axes, origins, jacobian)
-        _fill_gram(jacobian, free, 0.0, equations[0])
-        _solve_cholesky(equations[0], error, equations[1])
-        volumes[i] = 1.0
-        for k in range(6):
-            volumes[i] /= equations[0][k, k]  # the factor's diagonal, inverted
+        volumes[i] = reach_volume(problem, configurations[i], scratch)

@@ -13,8 +13,10 @@ from neugrasp_ros.robot.chain import chain_poses
 from neugrasp_ros.robot.ik import IkProblem, follow_batch, reach_volumes
 from neugrasp_ros.robot.model import RobotModel, gripper_from_tcp, tcp_from_gripper
 from neugrasp_ros.robot.postures import Starts, solve_batch
-from neugrasp_ros.robot.seeds import CELL, load_knowledge
+from neugrasp_ros.robot.search import ArmSearch
+from neugrasp_ros.robot.seeds import load_knowledge, may_reach
 from neugrasp_ros.robot.settings import IkConfig
+from neugrasp_ros.robot.ways import Way, WayProblem
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -88,7 +90,11 @@ class ArmKinematics:
             lower=chain.lower - widening, upper=chain.upper + widening
         )
         self._known = load_knowledge(self.problem, cache)
+        known = self._known.cells
+        self._cells = known if config.reach_map else np.ones_like(known)
         self._restarts = config.restarts
+        count, rng = config.random_starts, np.random.default_rng(0)
+        self._random = rng.uniform(self.lower, self.upper, (count, len(self.lower)))
         self._speeds = robot.limits.velocity[self.indices]
         self._middle = (self.lower + self.upper) / 2
 
@@ -100,9 +106,7 @@ class ArmKinematics:
         """Return quickly which grasps are not out of the question, shape (N,)."""
         targets = _targets(T_base_grippers)
         inside = np.empty(len(targets), dtype=np.bool_)
-        _look_up(
-            targets, self._known.wrist, self._known.origin, self._known.cells, inside
-        )
+        _look_up(targets, self._known.wrist, self._known.origin, self._cells, inside)
         return inside
 
     def solve(
@@ -148,13 +152,36 @@ class ArmKinematics:
     def _starts(
         self, count: int, shared: FloatArray, towards: FloatArray | None
     ) -> Starts:
+        towards = self._middle if towards is None else np.asarray(towards)
         return Starts(
             shared=np.ascontiguousarray(shared, dtype=np.float64),
             table=self._known.table,
+            spare=np.concatenate([towards[None], self._random]),
             wrist=self._known.wrist,
-            towards=self._middle if towards is None else np.asarray(towards),
+            towards=towards,
             speeds=self._speeds,
             tries=count,
+        )
+
+    def search(self, problem: WayProblem, way: Way, towards: FloatArray) -> ArmSearch:
+        """Return this arm as a search for whole ways takes it.
+
+        Args:
+            problem: What its ways keep to.
+            way: Room for one.
+            towards: Joint values (n,) near which answers are preferred.
+        """
+        joints, count = len(self.lower), self._restarts
+        return ArmSearch(
+            problem=problem,
+            starts=self._starts(count, np.zeros((0, joints)), towards),
+            origin=self._known.origin,
+            cells=self._cells,
+            most_volume=float(self._known.best_manipulability),
+            way=way,
+            picks=np.empty((2, count), dtype=np.int64),
+            costs=np.empty(count),
+            q=np.empty((2, joints)),
         )
 
     def reaches_beyond_limits(self, T_base_grippers: FloatArray) -> BoolArray:
@@ -206,18 +233,8 @@ def _targets(T_base_grippers: FloatArray) -> FloatArray:
     return np.ascontiguousarray(tcp_from_gripper(T_base_grippers))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _look_up(targets, wrist, origin, cells, inside):  # type: ignore[no-untyped-def]
     """Write whether the wrist of each target pose lies in a cell of the reach map."""
-    index = np.empty(3, dtype=np.int64)
     for i in range(targets.shape[0]):
-        inside[i] = True
-        for k in range(3):
-            value = targets[i, k, 3] - origin[k]
-            for j in range(3):
-                value += targets[i, k, j] * wrist[j]
-            index[k] = int(np.floor(value / CELL))
-            if index[k] < 0 or index[k] >= cells.shape[k]:
-                inside[i] = False
-        if inside[i]:
-            inside[i] = cells[index[0], index[1], index[2]]
+        inside[i] = may_reach(targets[i], wrist, origin, cells)

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from neugrasp_ros.robot.ik import make_scratch, solve_near
+from neugrasp_ros.robot.ik import make_scratch, solve_from
 
 FloatArray = NDArray[np.float64]
 
@@ -45,6 +45,7 @@ class Starts(NamedTuple):
     Attributes:
         shared: Joint values tried first for every target, shape (M, n).
         table: Stored postures tried then.
+        spare: Joint values tried last, where the table has too few, shape (R, n).
         wrist: The wrist in the tip frame in [m], shape (3,).
         towards: Joint values that answers had better be near to, shape (n,).
         speeds: Of the joints in [rad/s] or [m/s], shape (n,).
@@ -53,6 +54,7 @@ class Starts(NamedTuple):
 
     shared: FloatArray
     table: PostureTable
+    spare: FloatArray
     wrist: FloatArray
     towards: FloatArray
     speeds: FloatArray
@@ -101,28 +103,32 @@ def _cell_of(table, wrist, target):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _cost(table, s, target, towards, speeds):  # type: ignore[no-untyped-def]
-    """Return how far posture ``s`` is from what is asked, by turn and by travel."""
-    turns, postures = table.turns, table.postures
+def _turn_cost(table, s, target):  # type: ignore[no-untyped-def]
+    """Return how far posture ``s`` is turned from what is asked."""
     cost = 3.0
     for k in range(3):
         for j in range(3):
-            cost -= target[k, j] * turns[s, 3 * k + j]
+            cost -= target[k, j] * table.turns[s, 3 * k + j]
+    return cost
+
+
+@njit(cache=True, error_model="numpy")
+def _travel_cost(table, s, towards, speeds):  # type: ignore[no-untyped-def]
     seconds = 0.0
     for k in range(towards.shape[0]):
-        seconds = max(seconds, abs(postures[s, k] - towards[k]) / speeds[k])
-    return cost + TRAVEL * seconds
+        seconds = max(seconds, abs(table.postures[s, k] - towards[k]) / speeds[k])
+    return TRAVEL * seconds
 
 
 @njit(cache=True, error_model="numpy")
 def pick_postures(starts, target, costs, picks):  # type: ignore[no-untyped-def]
-    """Write the best stored postures for a target, the best first.
+    """Write the numbers of the best stored postures for a target, the best first.
 
     Args:
         starts: The postures, and what answers had better be near to.
         target: Pose ``T_base_tip``, shape (4, 4).
         costs: Scratch, shape (K,).
-        picks: Receives the postures, shape (K, n).
+        picks: Receives the numbers, shape (K,).
 
     Returns:
         How many there are, at most K.
@@ -132,7 +138,10 @@ def pick_postures(starts, target, costs, picks):  # type: ignore[no-untyped-def]
     if wanted == 0:
         return 0
     for s in range(table.starts[cell], table.starts[cell + 1]):
-        cost = _cost(table, s, target, towards, speeds)
+        cost = _turn_cost(table, s, target)
+        if count == wanted and cost >= costs[wanted - 1]:
+            continue
+        cost += _travel_cost(table, s, towards, speeds)
         if count == wanted and cost >= costs[wanted - 1]:
             continue
         place = min(count, wanted - 1)
@@ -140,11 +149,32 @@ def pick_postures(starts, target, costs, picks):  # type: ignore[no-untyped-def]
             costs[place] = costs[place - 1]
             picks[place] = picks[place - 1]
             place -= 1
-        costs[place] = cost
-        for k in range(towards.shape[0]):
-            picks[place, k] = table.postures[s, k]
+        costs[place], picks[place] = cost, s
         count = min(count + 1, wanted)
     return count
+
+
+@njit(cache=True, error_model="numpy")
+def pick_starts(starts, target, costs, picks):  # type: ignore[no-untyped-def]
+    """Write the numbers of the best starts, see ``pick_postures``, then spare ones.
+
+    A spare one's number is negative, from -1 on.
+    """
+    found = pick_postures(starts, target, costs, picks)
+    spare = min(starts.spare.shape[0], picks.shape[0] - found)
+    for r in range(spare):
+        picks[found + r] = -1 - r
+    return found + spare
+
+
+@njit(cache=True, error_model="numpy")
+def write_start(starts, pick, q):  # type: ignore[no-untyped-def]
+    """Write the joint values of a start that ``pick_starts`` named, shape (n,)."""
+    for j in range(q.shape[0]):
+        if pick >= 0:
+            q[j] = starts.table.postures[pick, j]
+        else:
+            q[j] = starts.spare[-1 - pick, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -160,20 +190,19 @@ def solve_batch(problem, starts, targets, first, solutions, used):  # type: igno
         used: Receives the number of the start that led there, ``starts.tries`` where
             none did.
     """
-    count, shared, joints = starts.tries, starts.shared.shape[0], solutions.shape[1]
-    seeds, costs = np.empty((count, joints)), np.empty(count)
-    scratch = make_scratch(joints)
-    seeds[:shared] = starts.shared
+    count, shared = starts.tries, starts.shared.shape[0]
+    costs, picks = np.empty(count), np.empty(count - shared, dtype=np.int64)
+    scratch = make_scratch(solutions.shape[1])
     for i in range(targets.shape[0]):
-        used[i] = count
+        used[i], target, q = count, targets[i], solutions[i]
         if first[i] >= count:
             continue
-        found = shared + pick_postures(starts, targets[i], costs, seeds[shared:])
-        if found == 0:
-            seeds[0] = starts.towards  # nothing is known of this corner
-            found = 1
-        k = solve_near(
-            problem, targets[i], seeds[:found], first[i], solutions[i], scratch
-        )
-        if k < found:
-            used[i] = k
+        found = shared + pick_starts(starts, target, costs, picks)
+        for k in range(first[i], found):
+            if k < shared:
+                q[:] = starts.shared[k]
+            else:
+                write_start(starts, picks[k - shared], q)
+            if solve_from(problem, target[:3, :3], target[:3, 3], q, scratch):
+                used[i] = k
+                break

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
@@ -111,6 +112,28 @@ def learn_arm(problem: IkProblem, rng: np.random.Generator) -> ArmKnowledge:
         cells=binary_dilation(cells),  # samples leave holes at the border
         best_manipulability=np.asarray(np.quantile(volume, 0.99)),
     )
+
+
+@njit(cache=True, error_model="numpy")
+def may_reach(target, wrist, origin, cells):  # type: ignore[no-untyped-def]
+    """Return whether the wrist of a target lies in a cell of the reach map.
+
+    Args:
+        target: Pose ``T_base_tip``, shape (4, 4).
+        wrist: The wrist in the tip frame in [m], shape (3,).
+        origin: Lower corner of the map in the base frame in [m], shape (3,).
+        cells: The map, shape (X, Y, Z).
+    """
+    first = second = third = 0
+    for k in range(3):
+        value = target[k, 3] - origin[k]
+        for j in range(3):
+            value += target[k, j] * wrist[j]
+        number = int(np.floor(value / CELL))
+        if number < 0 or number >= cells.shape[k]:
+            return False
+        first, second, third = second, third, number
+    return cells[first, second, third]
 
 
 def wrist_centre(chain: SerialChain) -> FloatArray:

@@ -14,7 +14,13 @@ class IkConfig(Checked):
     tol_rotation: float = option(0.005, "Largest rotation error [rad]", 1e-6, 0.1)
     max_iterations: int = option(40, "Steps from one seed", 1, 10000)
     restarts: int = option(
-        12, "Stored postures that a search may start from, the nearest first", 1, 128
+        12, "Starts of a search in all, the nearest stored postures first", 1, 1024
+    )
+    random_starts: int = option(
+        0, "Random starts behind the stored postures, where those are fewer", 0, 1024
+    )
+    reach_map: bool = option(
+        True, "Rule out at once where no sampled posture brought the wrist"
     )
     joint_margin: float = option(
         0.02, "Distance kept from every joint limit [rad or m]", 0.0, 1.0
@@ -46,13 +52,13 @@ class ReachabilityConfig(Checked):
         0.12, "Scene around the TCP that travels with the hand in a lift [m]", 0.0, 0.5
     )
     first_starts: int = option(
-        1, "Starts of inverse kinematics tried on every grasp, arm and side", 1, 128
+        1, "Starts of inverse kinematics tried on every grasp, arm and side", 1, 1024
     )
     most_starts: int = option(
-        3, "Starts in all where those find no solution for a grasp", 1, 128
+        3, "Starts in all where those find no solution for a grasp", 1, 1024
     )
     retries: int = option(
-        5, "Other solutions tried when one fails in collision or on its path", 0, 16
+        5, "Other solutions tried when one fails in collision or on its path", 0, 1024
     )
     travel_weight: float = option(
         0.03, "Manipulability given up to arrive a second earlier [1/s]", 0.0, 1.0

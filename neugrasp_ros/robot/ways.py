@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled trial of whole ways: the posture at the grasp, then straight back and up."""
+"""Compiled trial of a way: the posture at the grasp, then straight back and up."""
 
 from typing import NamedTuple
 
@@ -7,22 +7,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from neugrasp_ros.robot.contact import FREE, HAND, Scope, contact
+from neugrasp_ros.robot.contact import FREE, Scope, contact
 from neugrasp_ros.robot.ik import IkProblem, follow_way, make_scratch
-from neugrasp_ros.robot.posing import World, make_buffers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-BROKEN, UNTRIED = -1, -2
-"""Beside the kinds of contact: the arm cannot follow the line; nobody asked."""
+BROKEN = -1
+"""Beside the kinds of contact: the arm cannot follow the line."""
 
 
 class WayProblem(NamedTuple):
     """What stays the same for all ways of one arm.
 
     Attributes:
-        world: Robot and obstacles.
         scope: What the arm can bring into contact.
         joints: Where its joints stand in a configuration, shape (n,).
         ik: Its inverse kinematics.
@@ -30,7 +28,6 @@ class WayProblem(NamedTuple):
         held_radius: Points this near to the TCP travel with the hand in a lift, [m].
     """
 
-    world: World
     scope: Scope
     joints: IntArray
     ik: IkProblem
@@ -38,132 +35,108 @@ class WayProblem(NamedTuple):
     held_radius: float
 
 
-class Ways(NamedTuple):
-    """Ways to try, K of them, those of one grasp from the best to the worst.
+class Way(NamedTuple):
+    """One way, and room for it.
 
     Attributes:
-        grasps: Number of the grasp, shape (K,).
-        arms: Number of the arm, shape (K,).
-        starts: Configurations that hold all other joints, shape (K, J).
-        q: Joint values at the grasp, the widest arm's n of them, shape (K, n).
-        targets: Poses ``T_base_tip`` at the grasp, shape (K, 4, 4).
-        behind: Tip positions on the way back in [m], shape (K, S, 3).
-        above: Tip positions on the way up in [m], shape (K, L, 3).
+        retreat: Joint values from the grasp backwards, without the grasp, (S, n).
+        lift: Joint values from the grasp upwards, without the grasp, (L, n).
+        poses: Scratch, shape (max(S, L), 4, 4).
+        full: Scratch, shape (J,).
+        scratch: As of ``ik.make_scratch``.
     """
 
-    grasps: IntArray
-    arms: IntArray
-    starts: FloatArray
-    q: FloatArray
-    targets: FloatArray
+    retreat: FloatArray
+    lift: FloatArray
+    poses: FloatArray
+    full: FloatArray
+    scratch: tuple[object, ...]
+
+
+class Line(NamedTuple):
+    """What a way is asked for.
+
+    Attributes:
+        target: Pose ``T_base_tip`` at the grasp, shape (4, 4).
+        behind: Tip positions on the way back in [m], shape (S, 3).
+        above: Tip positions on the way up in [m], shape (L, 3).
+        start: Configuration that holds all other joints, shape (J,).
+    """
+
+    target: FloatArray
     behind: FloatArray
     above: FloatArray
+    start: FloatArray
 
 
-class WayAnswers(NamedTuple):
-    """Answers for K ways.
-
-    Attributes:
-        at_grasp: First contact at the grasp, or ``UNTRIED``, shape (K,).
-        on_way: First contact on the way, or ``BROKEN``; of no meaning where there is
-            contact at the grasp, shape (K,).
-        retreats: Joint values from the grasp backwards, without the grasp, (K, S, n).
-        lifts: Joint values from the grasp upwards, without the grasp, (K, L, n).
-    """
-
-    at_grasp: IntArray
-    on_way: IntArray
-    retreats: FloatArray
-    lifts: FloatArray
-
-
-def no_answers(ways: Ways) -> WayAnswers:
-    """Return room for the answers."""
-    count, width = ways.q.shape
-    return WayAnswers(
-        at_grasp=np.full(count, UNTRIED),
-        on_way=np.full(count, BROKEN),
-        retreats=np.full((count, ways.behind.shape[1], width), np.nan),
-        lifts=np.full((count, ways.above.shape[1], width), np.nan),
+def make_way(back: int, up: int, joints: int, width: int) -> Way:
+    """Return room for ways of so many poses, of an arm's and of all joints."""
+    return Way(
+        retreat=np.empty((back, joints)),
+        lift=np.empty((up, joints)),
+        poses=np.empty((max(back, up), 4, 4)),
+        full=np.empty(width),
+        scratch=make_scratch(joints),
     )
 
 
 @njit(cache=True, error_model="numpy")
-def _follow_line(problem, target, points, q, way, poses, scratch):  # type: ignore[no-untyped-def]
+def _follow_line(problem, target, points, q, joint_way, way):  # type: ignore[no-untyped-def]
     """Follow a line of points with the target's rotation; return whether it holds."""
+    poses = way.poses
     for s in range(points.shape[0]):
         for i in range(3):
             poses[s, i, 3] = points[s, i]
             for j in range(3):
                 poses[s, i, j] = target[i, j]
     line = poses[: points.shape[0]]
-    reached = follow_way(problem.ik, line, q, problem.max_change, way, scratch)
+    reached = follow_way(
+        problem.ik, line, q, problem.max_change, joint_way, way.scratch
+    )
     return reached == points.shape[0]
 
 
 @njit(cache=True, error_model="numpy")
-def _contact_on(problem, way, full, known, held, buffers):  # type: ignore[no-untyped-def]
+def _contact_on(problem, values, full, held, place):  # type: ignore[no-untyped-def]
     """Return the first contact on a way, from its far end, where most has moved."""
+    world, known, buffers = place
     joints = problem.joints
-    for s in range(way.shape[0] - 1, -1, -1):
+    for s in range(values.shape[0] - 1, -1, -1):
         for k in range(joints.shape[0]):
-            full[joints[k]] = way[s, k]
-        code, _ = contact(problem.world, problem.scope, full, known, held, buffers)
+            full[joints[k]] = values[s, k]
+        code, _ = contact(world, problem.scope, full, known, held, buffers)
         if code != FREE:
             return code
     return FREE
 
 
 @njit(cache=True, error_model="numpy")
-def _try_way(problem, ways, i, answers, known, buffers):  # type: ignore[no-untyped-def]
-    """Try way ``i``; its answers become known."""
-    n = problem.joints.shape[0]
-    full, target = ways.starts[i].copy(), ways.targets[i]
-    behind, above = ways.behind[i], ways.above[i]
-    q = ways.q[i, :n].copy()
-    back, up = np.empty((behind.shape[0], n)), np.empty((above.shape[0], n))
-    held = np.zeros(4)
-    here = _contact_on(problem, q.reshape(1, n), full, known, held, buffers)
-    answers.at_grasp[i], answers.on_way[i] = here, BROKEN
-    if here != FREE:
-        return
-    poses = np.empty((max(behind.shape[0], above.shape[0]), 4, 4))
-    scratch = make_scratch(n)
-    if not _follow_line(problem, target, behind, q, back, poses, scratch):
-        return
-    if not _follow_line(problem, target, above, q, up, poses, scratch):
-        return
-    code = _contact_on(problem, back, full, known, held, buffers)
-    if code == FREE:
-        held[:3], held[3] = target[:3, 3], problem.held_radius
-        code = _contact_on(problem, up, full, known, held, buffers)
-    answers.on_way[i] = code
-    answers.retreats[i, :, :n], answers.lifts[i, :, :n] = back, up
-
-
-@njit(cache=True, error_model="numpy")
-def try_ways(problems, ways, closed, answers):  # type: ignore[no-untyped-def]
-    """Try the ways of each grasp until one is free, or the hand hits the scene.
-
-    Where the hand itself hits the scene, no other way helps.
+def try_way(problem, line, q, way, place):  # type: ignore[no-untyped-def]
+    """Try the way of one posture.
 
     Args:
-        problems: One ``WayProblem`` for each arm, a tuple.
-        ways: The ways.
-        closed: Grasps that are not asked about; those settled here join, shape (N,).
-        answers: From ``no_answers``; receives the answers.
+        problem: The arm.
+        line: Where the hand shall go.
+        q: Joint values at the grasp, shape (n,).
+        way: Receives the way, complete where it is not ``BROKEN``.
+        place: The world, the configuration that the buffers hold, and the buffers, as
+            of ``posing.pose_world``.
+
+    Returns:
+        First contact at the grasp, and on the way, or ``BROKEN``; the latter has no
+        meaning where there is contact at the grasp.
     """
-    pairs = 0
-    for arm in range(len(problems)):
-        pairs = max(pairs, problems[arm].scope.pairs.shape[0])
-    # one posed world serves all arms; what separated a pair is a guess, so it may mix
-    buffers = make_buffers(problems[0].world, pairs)
-    known = np.full(ways.starts.shape[1], np.nan)
-    for i in range(ways.grasps.shape[0]):
-        grasp = ways.grasps[i]
-        if closed[grasp]:
-            continue
-        _try_way(problems[ways.arms[i]], ways, i, answers, known, buffers)
-        here, on_way = answers.at_grasp[i], answers.on_way[i]
-        if here == HAND or here == FREE and (on_way == FREE or on_way == HAND):
-            closed[grasp] = True
+    way.full[:] = line.start
+    held = np.zeros(4)
+    here = _contact_on(problem, q.reshape(1, q.shape[0]), way.full, held, place)
+    if here != FREE:
+        return here, BROKEN
+    if not _follow_line(problem, line.target, line.behind, q, way.retreat, way):
+        return here, BROKEN
+    if not _follow_line(problem, line.target, line.above, q, way.lift, way):
+        return here, BROKEN
+    code = _contact_on(problem, way.retreat, way.full, held, place)
+    if code == FREE:
+        held[:3], held[3] = line.target[:3, 3], problem.held_radius
+        code = _contact_on(problem, way.lift, way.full, held, place)
+    return here, code

@@ -42,11 +42,17 @@ def test_a_drawn_scene_stands_on_the_table():
     assert scene.points[:, 2].min() >= 0.70 - 1e-9
 
 
-def test_the_reference_starts_from_every_posture_that_is_stored(robot):
+def test_the_reference_starts_from_all_that_is_stored_and_128_places_in_all(robot):
     slow = slow_reference(robot)
-    assert min(slow.config.first_starts, slow.config.most_starts) >= PER_CELL
+    config = slow.config
+    assert min(config.first_starts, config.most_starts, config.retries) >= 128
     for arm in slow.arms.values():
-        assert np.diff(arm._known.table.starts).max() <= PER_CELL <= arm._restarts
+        starts = arm._starts(arm._restarts, np.zeros((0, 8)), None)
+        assert np.diff(starts.table.starts).max() <= PER_CELL <= starts.tries
+        assert starts.tries == 128 <= len(starts.spare)
+        far = np.array(np.eye(4)[None])
+        far[0, :3, 3] = starts.table.corner + 0.06  # in the map's box, but its corner
+        assert arm.may_reach(far).all()
 
 
 @pytest.mark.slow

@@ -11,9 +11,9 @@ from neugrasp_ros.robot.model import load_robot
 from neugrasp_ros.robot.obstacles import make_obstacles
 from neugrasp_ros.robot.postures import solve_batch
 from neugrasp_ros.robot.reachability import ReachabilityChecker
-from neugrasp_ros.robot.ways import try_ways
+from neugrasp_ros.robot.search import search_ways
 
-KERNELS = (path_contacts, follow_batch, solve_batch, try_ways)
+KERNELS = (path_contacts, follow_batch, search_ways, solve_batch)
 
 
 @pytest.fixture(scope="module")

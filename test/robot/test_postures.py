@@ -5,7 +5,13 @@ from scipy.spatial.transform import Rotation
 
 from neugrasp_ros.geometry.transform import make_transform
 from neugrasp_ros.robot import postures
-from neugrasp_ros.robot.postures import Starts, make_table, pick_postures
+from neugrasp_ros.robot.postures import (
+    Starts,
+    make_table,
+    pick_postures,
+    pick_starts,
+    write_start,
+)
 
 WRIST = np.array([-0.2, 0.0, 0.0])
 
@@ -29,12 +35,13 @@ def table():
 
 def picked(table, target, count=8, towards=(0.0, 0.0), speeds=(1e9, 1e9)):
     starts = Starts(
-        np.zeros((0, 2)), table, WRIST, np.array(towards), np.array(speeds), count
-    )
-    picks = np.full((count, 2), np.nan)
+        np.zeros((0, 2)), table, np.zeros((0, 2)), WRIST, np.array(towards),
+        np.array(speeds), count,
+    )  # fmt: skip
+    picks = np.full(count, -7)
     found = pick_postures(starts, target, np.empty(count), picks)
-    assert np.isnan(picks[found:]).all()
-    return picks[:found].tolist()
+    assert (picks[found:] == -7).all()
+    return table.postures[picks[:found]].tolist()
 
 
 def test_postures_of_the_wrists_cell_come_the_best_turned_first(table):
@@ -62,6 +69,29 @@ def test_travel_decides_between_two_turned_alike(table):
 def test_a_target_outside_looks_into_the_border_and_an_empty_cell_has_none(table):
     assert picked(table, pose(0.0, [9.0, 0.0, 0.0])) == VALUES[[4]].tolist()
     assert picked(table, pose(0.0, [0.25, 0.0, 0.0])) == []
+
+
+def started(table, target, count, spare):
+    starts = Starts(
+        np.zeros((0, 2)), table, np.asarray(spare), WRIST, np.zeros(2), np.ones(2),
+        count,
+    )  # fmt: skip
+    picks, q = np.empty(count, dtype=np.int64), np.empty(2)
+    found = pick_starts(starts, target, np.empty(count), picks)
+    values = []
+    for pick in picks[:found]:
+        write_start(starts, pick, q)
+        values.append(q.tolist())
+    return values
+
+
+def test_spare_starts_follow_where_the_table_has_too_few(table):
+    target, spare = pose(0.6, POINTS[0]), [[50.0, 51.0], [60.0, 61.0]]
+    stored = VALUES[[1, 2, 0, 3]].tolist()
+    assert started(table, target, 9, spare) == [*stored, *spare]
+    assert started(table, target, 5, spare) == [*stored, spare[0]]
+    assert started(table, target, 3, spare) == stored[:3]
+    assert started(table, pose(0.0, [0.25, 0.0, 0.0]), 1, spare) == spare[:1]
 
 
 def test_a_crowded_cell_keeps_its_first(monkeypatch):
