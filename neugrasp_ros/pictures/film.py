@@ -135,7 +135,7 @@ def _captioned(shot: Shot, width: int | None = None) -> Image.Image:
     for stage in STAGES:
         color = LOUD if stage == shot.stage else QUIET
         draw.text((x, y), stage, fill=color, font=font, anchor="lm")
-        x += 0.12 * image.width
+        x += draw.textlength(stage, font) + 0.03 * image.width
     right = 0.98 * image.width
     draw.text((right, y), shot.tally, fill=LOUD, font=font, anchor="rm")
     return sheet

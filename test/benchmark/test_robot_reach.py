@@ -13,7 +13,8 @@ from neugrasp_ros.benchmark.robot_reach import (
 )
 from neugrasp_ros.robot.collision import CollisionChecker
 from neugrasp_ros.robot.contact import FREE, SELF
-from neugrasp_ros.robot.model import load_robot
+from neugrasp_ros.robot.kinematics import ArmKinematics
+from neugrasp_ros.robot.model import load_robot, tcp_from_gripper
 from neugrasp_ros.robot.postures import PER_CELL
 from sim_bridge.robot_body import RobotBody
 from sim_bridge.robot_cell import robot_setup
@@ -51,8 +52,11 @@ def test_the_reference_starts_from_all_that_is_stored_and_128_places_in_all(robo
         assert np.diff(starts.table.starts).max() <= PER_CELL <= starts.tries
         assert starts.tries == 128 <= len(starts.spare)
         far = np.array(np.eye(4)[None])
-        far[0, :3, 3] = starts.table.corner + 0.06  # in the map's box, but its corner
+        # a corner of the map's box, where no wrist ever was
+        wrist = tcp_from_gripper(far)[0, :3, :3] @ starts.wrist
+        far[0, :3, 3] = arm._known.origin + 0.02 - wrist
         assert arm.may_reach(far).all()
+        assert not ArmKinematics(robot, arm.group).may_reach(far).any()
 
 
 @pytest.mark.slow

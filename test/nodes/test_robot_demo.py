@@ -25,6 +25,7 @@ from neugrasp_ros.nodes.compat.images import write_color  # noqa: E402
 from neugrasp_ros.nodes.demo_client import DemoError  # noqa: E402
 from neugrasp_ros.nodes.markers import LabelledBox, box_markers  # noqa: E402
 from neugrasp_ros.nodes.robot_demo import TRIED, RobotDemoClient  # noqa: E402
+from neugrasp_ros.pictures.film import Shot  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -144,7 +145,9 @@ def test_the_workspace_goes_to_the_height_of_the_furniture(client):
 def test_at_the_usual_table_the_workspace_stays(client):
     table = LabelledBox("t", translation(0.6, 0.0, 0.685), np.array([0.6, 0.8, 0.03]))
     client._latest["support"] = cubes(table)
+    client.shots.append(Shot(np.zeros((2, 3, 3), np.uint8)))
     client.prepare_scene("table:pile")
+    assert not client.shots, "of what stood there before"
     assert client.calls == ["tsdf_fusion/get_parameters", "tsdf_fusion/reset"]
 
 
@@ -202,8 +205,6 @@ def test_pictures_say_what_the_robot_does_and_how_far_it_is(client):
     client._attempt(GRASPS)
     assert [stage for stage, _ in seen] == ["reach"] * 3 + ["grasp", "lift"]
     assert look(9) == ("home", "1 of 1 in the boxes")
-    client.prepare_scene("table")
-    assert not client.shots
 
 
 def test_a_picture_before_the_first_scene_is_harmless(client):

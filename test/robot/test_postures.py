@@ -73,8 +73,8 @@ def test_a_target_outside_looks_into_the_border_and_an_empty_cell_has_none(table
 
 def started(table, target, count, spare):
     starts = Starts(
-        np.zeros((0, 2)), table, np.asarray(spare), WRIST, np.zeros(2), np.ones(2),
-        count,
+        np.zeros((0, 2)), table, np.asarray(spare), WRIST, np.zeros(2),
+        np.full(2, 1e9), count,
     )  # fmt: skip
     picks, q = np.empty(count, dtype=np.int64), np.empty(2)
     found = pick_starts(starts, target, np.empty(count), picks)
