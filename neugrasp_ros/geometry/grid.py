@@ -162,12 +162,12 @@ MISS = -1.0  # what kernels say of a ray that meets nothing: fast maths knows no
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
-def sample_one(values, inverse, x, y, z):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Interpolate one point; a kernel's building block."""
+def sample_at(values, u, v, w):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Interpolate one point, in samples from the first one; a building block."""
     nx, ny, nz = values.shape
-    u = min(max(x * inverse - 0.5, 0.0), nx - 1.000001)
-    v = min(max(y * inverse - 0.5, 0.0), ny - 1.000001)
-    w = min(max(z * inverse - 0.5, 0.0), nz - 1.000001)
+    u = min(max(u, 0.0), nx - 1.000001)
+    v = min(max(v, 0.0), ny - 1.000001)
+    w = min(max(w, 0.0), nz - 1.000001)
     i, j, k = int(u), int(v), int(w)
     fu, fv, fw = u - i, v - j, w - k
     a00 = values[i, j, k] * (1 - fw) + values[i, j, k + 1] * fw
@@ -175,6 +175,12 @@ def sample_one(values, inverse, x, y, z):  # type: ignore[no-untyped-def]  # pra
     a10 = values[i + 1, j, k] * (1 - fw) + values[i + 1, j, k + 1] * fw
     a11 = values[i + 1, j + 1, k] * (1 - fw) + values[i + 1, j + 1, k + 1] * fw
     return (a00 * (1 - fv) + a01 * fv) * (1 - fu) + (a10 * (1 - fv) + a11 * fv) * fu
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+def sample_one(values, inverse, x, y, z):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Interpolate one point in [m]; a kernel's building block."""
+    return sample_at(values, x * inverse - 0.5, y * inverse - 0.5, z * inverse - 0.5)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -204,7 +210,7 @@ def normal_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _normals(values, inverse, h, points, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     for n in range(len(points)):
-        x, y, z = points[n]
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
         normal_one(values, inverse, h, x, y, z, out[n])
 
 
@@ -227,66 +233,80 @@ def clip_to_box(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kerne
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
-def way_out(at, direction, cell, gap):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Return how far a ray goes along one axis until it leaves what a gap promises.
+def way_of(direction):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Return what ``march_one`` leaps along one axis by.
 
-    All in [sample]: the cells nearer than ``gap`` to the ray's own hold no inside.
+    A ray leaves what a gap promises at ``GAP_CELL * (cell + ahead + turn * gap)``: the
+    cells nearer than the gap to its own hold no inside.
+
+    Returns:
+        One over the direction, ``turn``, ``ahead``, and what is added to the length of
+        the leap: nothing, or very much where the ray does not move along the axis.
     """
     if direction > 1e-9:
-        return ((cell + gap) * GAP_CELL - at) / direction
+        return 1.0 / direction, 1, 0, 0.0
     if direction < -1e-9:
-        return ((cell - gap + 1) * GAP_CELL - at) / direction
-    return 1e9
+        return 1.0 / direction, -1, 1, 0.0
+    return 0.0, 1, 0, 1e9
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+def gap_cell(at, samples):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Return the cell of ``inside_gaps`` along one axis, of a place in [sample]."""
+    return min(max(int(at), 0), samples - 1) // GAP_CELL
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def march_one(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
     values, gaps, inverse, ox, oy, oz, dx, dy, dz, start, end, step
 ):  # pragma: no cover
-    """Return the first free-to-inside crossing in [start, end], or ``MISS``."""
-    t = start
-    if sample_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz) > 0:
-        return MISS
+    """Return the first free-to-inside crossing in [start, end], or ``MISS``.
+
+    Where a gap is not 0 the field is not read: it is not positive there.
+    """
     nx, ny, nz = values.shape
+    ou, ov, ow = ox * inverse - 0.5, oy * inverse - 0.5, oz * inverse - 0.5
+    du, dv, dw = dx * inverse, dy * inverse, dz * inverse
+    per_u, turn_u, ahead_u, more_u = way_of(du)
+    per_v, turn_v, ahead_v, more_v = way_of(dv)
+    per_w, turn_w, ahead_w, more_w = way_of(dw)
+    t = start
+    u, v, w = ou + t * du, ov + t * dv, ow + t * dw
+    a, b, c = gap_cell(u, nx), gap_cell(v, ny), gap_cell(w, nz)
+    gap = np.int64(gaps[a, b, c])
+    if gap == 0 and sample_at(values, u, v, w) > 0:
+        return MISS
     while t < end:
-        u = (ox + t * dx) * inverse - 0.5
-        v = (oy + t * dy) * inverse - 0.5
-        w = (oz + t * dz) * inverse - 0.5
-        a = min(max(int(u), 0), nx - 1) // GAP_CELL
-        b = min(max(int(v), 0), ny - 1) // GAP_CELL
-        c = min(max(int(w), 0), nz - 1) // GAP_CELL
-        gap = gaps[a, b, c]
+        leap = 0.0
         if gap > 0:
-            leap = way_out(u, dx, a, gap)
-            leap = min(leap, way_out(v, dy, b, gap))
-            leap = min(leap, way_out(w, dz, c, gap)) / inverse
-            if leap > 1e-6:
-                t += leap
-                continue
-        ahead = min(t + step, end)
-        x, y, z = ox + ahead * dx, oy + ahead * dy, oz + ahead * dz
-        value = sample_one(values, inverse, x, y, z)
-        if value > 0:
-            low, high, f_high = t, ahead, value
-            before = sample_one(values, inverse, ox + t * dx, oy + t * dy, oz + t * dz)
-            f_low = min(before, -1e-6)
-            middle = ahead
-            for _ in range(8):
-                middle = low - f_low * (high - low) / (f_high - f_low)
-                f = sample_one(
-                    values,
-                    inverse,
-                    ox + middle * dx,
-                    oy + middle * dy,
-                    oz + middle * dz,
-                )
-                if f > 0:
-                    high, f_high = middle, f
-                else:
-                    low, f_low = middle, f
-                if abs(f) < 1e-4:
-                    break
-            return middle
+            leap = (GAP_CELL * (a + ahead_u + turn_u * gap) - u) * per_u + more_u
+            other = (GAP_CELL * (b + ahead_v + turn_v * gap) - v) * per_v + more_v
+            leap = min(leap, other)
+            other = (GAP_CELL * (c + ahead_w + turn_w * gap) - w) * per_w + more_w
+            leap = min(leap, other)
+        leaps = leap > 1e-6
+        ahead = t + leap if leaps else min(t + step, end)
+        u, v, w = ou + ahead * du, ov + ahead * dv, ow + ahead * dw
+        a, b, c = gap_cell(u, nx), gap_cell(v, ny), gap_cell(w, nz)
+        gap = np.int64(gaps[a, b, c])
+        if not leaps and gap == 0:
+            value = sample_at(values, u, v, w)
+            if value > 0:
+                before = sample_at(values, ou + t * du, ov + t * dv, ow + t * dw)
+                low, f_low, high, f_high = t, min(before, -1e-6), ahead, value
+                middle = ahead
+                for _ in range(8):
+                    middle = low - f_low * (high - low) / (f_high - f_low)
+                    f = sample_at(
+                        values, ou + middle * du, ov + middle * dv, ow + middle * dw
+                    )
+                    if f > 0:
+                        high, f_high = middle, f
+                    else:
+                        low, f_low = middle, f
+                    if abs(f) < 1e-4:
+                        break
+                return middle
         t = ahead
     return MISS
 
@@ -296,8 +316,8 @@ def _march_many(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kerne
     values, gaps, inverse, origins, directions, low, high, step, out
 ):  # pragma: no cover
     for n in range(len(origins)):
-        ox, oy, oz = origins[n]
-        dx, dy, dz = directions[n]
+        ox, oy, oz = origins[n, 0], origins[n, 1], origins[n, 2]
+        dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
         start, end = clip_to_box(ox, oy, oz, dx, dy, dz, low, high)
         if start <= end:
             t = march_one(

@@ -90,14 +90,18 @@ def _spread(gaps):  # type: ignore[no-untyped-def]  # pragma: no cover - compile
                 gaps[a, b, k] = min(gaps[a, b, k], near + 1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True)
 def _occupy(values, blocks):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Mark the blocks that hold an inside value."""
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            for c in range(blocks.shape[2]):
-                highest = np.float32(-1.0)
-                for k in range(c * BLOCK, min((c + 1) * BLOCK, values.shape[2])):
-                    highest = max(highest, values[i, j, k])
-                if highest > 0:
-                    blocks[i // BLOCK, j // BLOCK, c] = True
+    nx, ny, nz = values.shape
+    highest = np.empty(nz, dtype=np.float32)
+    for a in range(blocks.shape[0]):
+        for b in range(blocks.shape[1]):
+            highest[:] = np.float32(-1.0)
+            for i in range(BLOCK * a, min(BLOCK * (a + 1), nx)):
+                for j in range(BLOCK * b, min(BLOCK * (b + 1), ny)):
+                    for k in range(nz):
+                        highest[k] = max(highest[k], values[i, j, k])
+            for k in range(nz):
+                if highest[k] > 0:
+                    blocks[a, b, k // BLOCK] = True

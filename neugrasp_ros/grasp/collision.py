@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from neugrasp_ros.geometry.grid import run_in_parts
 from neugrasp_ros.geometry.gripper import Gripper
 
 FloatArray = NDArray[np.float64]
@@ -24,9 +25,10 @@ def _swept_free(
     hand: FloatArray,
     inflation: float,
     retreat: float,
-) -> BoolArray:
+    free: BoolArray,
+) -> None:
+    """Write False for the poses whose hand meets a point on its way."""
     half_thickness, finger_width, depth, palm_x, palm_y, palm_z = hand
-    free = np.ones(len(poses), dtype=np.bool_)
     for g in range(len(poses)):
         pose = poses[g]
         inner = openings[g] / 2 - inflation
@@ -48,7 +50,6 @@ def _swept_free(
             if in_palm or (in_finger and x < half_thickness + inflation):
                 free[g] = False
                 break
-    return free
 
 
 def hand_measures(gripper: Gripper) -> FloatArray:
@@ -76,6 +77,7 @@ def approach_is_free(
     gripper: Gripper,
     inflation: float = 0.002,
     retreat: float = 0.10,
+    threads: int = 1,
 ) -> BoolArray:
     """Tell for which grasps the hand meets no point between pre-grasp and grasp.
 
@@ -87,20 +89,24 @@ def approach_is_free(
         inflation: Added to every side of its boxes in [m]; covers the gaps between
             points and a surface that physics makes fatter than it looks.
         retreat: Distance of the pre-grasp behind the grasp in [m].
+        threads: Worker threads.
 
     Returns:
         Mask of shape (G,), True = free.
     """
-    return np.asarray(
+    poses = np.ascontiguousarray(T_task_gripper, dtype=np.float64)
+    openings = np.ascontiguousarray(openings, dtype=np.float64)
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    hand = hand_measures(gripper)
+    free = np.ones(len(poses), dtype=np.bool_)
+
+    def run(part: slice) -> None:
         _swept_free(
-            np.ascontiguousarray(T_task_gripper, dtype=np.float64),
-            np.ascontiguousarray(openings, dtype=np.float64),
-            np.ascontiguousarray(points, dtype=np.float64),
-            hand_measures(gripper),
-            inflation,
-            retreat,
+            poses[part], openings[part], points, hand, inflation, retreat, free[part]
         )
-    )
+
+    run_in_parts(run, len(poses), threads)
+    return free
 
 
 def support_clearance(

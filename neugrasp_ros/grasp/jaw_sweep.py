@@ -14,6 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from neugrasp_ros.geometry.grid import run_in_parts
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -24,7 +26,7 @@ N_BINS = 160  # the profile reaches 16 cm to either side of the anchor
 
 
 class SweepSettings(NamedTuple):
-    """Lengths of a sweep, all in [m].
+    """Lengths of a sweep, all in [m], and how it is shared out.
 
     Attributes:
         opening: Distance of the inner pad faces on the way.
@@ -35,6 +37,7 @@ class SweepSettings(NamedTuple):
         palm_gap: Distance that the palm keeps from everything.
         gap: Points further apart than this along y are not one thing.
         slack: Hands that lack more than this of the insertion are given up early.
+        threads: Worker threads.
     """
 
     opening: float
@@ -45,6 +48,7 @@ class SweepSettings(NamedTuple):
     palm_gap: float
     gap: float
     slack: float
+    threads: int = 1
 
 
 class DepthRange(NamedTuple):
@@ -186,7 +190,7 @@ def _palm_touch(
 
 
 @njit(cache=True, nogil=True)
-def _sweep(
+def _sweep(  # noqa: PLR0913 (a kernel)
     points: FloatArray,
     seeds: FloatArray,
     offsets: IntArray,
@@ -194,10 +198,10 @@ def _sweep(
     centered: BoolArray,
     hand: FloatArray,
     settings: FloatArray,
-) -> FloatArray:
+    found: FloatArray,
+) -> None:
+    """Write shift, shallow and deep, (F, 3), of the hands of some seeds."""
     opening, radius, probe, insertion, inflation, palm_gap, gap, slack = settings
-    found = np.zeros((len(hand_poses), 3))  # shift, shallow, deep
-    found[:, 1] = np.inf
     rows = np.empty(len(points), dtype=np.int64)
     buffer = np.empty((len(points), 3))
     filled = np.empty(N_BINS, dtype=np.bool_)
@@ -220,7 +224,6 @@ def _sweep(
             )
             touch = min(touch, palm + hand[2] - palm_gap)
             found[f] = (shift, start + insertion, touch)
-    return found
 
 
 @njit(cache=True, nogil=True)
@@ -289,8 +292,9 @@ def _inspect(
     group_size: int,
     half_size: FloatArray,
     band: float,
-) -> FloatArray:
-    found = np.zeros((len(poses), 4))
+    found: FloatArray,
+) -> None:
+    """Write extents and alignments, (G, 4)."""
     content = np.empty(len(cloud))
     rows = np.empty(len(cloud), dtype=np.int64)
     for start in range(0, len(poses), group_size):
@@ -312,7 +316,6 @@ def _inspect(
                 found[start + g] = _pad_alignment(
                     near, group[g], content[:n], rows[:n], band
                 )
-    return found
 
 
 def sweep_depths(
@@ -334,18 +337,20 @@ def sweep_depths(
         centered: True for hands that shall keep their y; they also count their
             insertion from the anchor if that is further, shape (F,).
         hand: From ``collision.hand_measures``.
-        settings: Lengths.
+        settings: Lengths and threads.
     """
-    gap_bins = np.ceil(settings.gap / BIN)
-    found = _sweep(
-        np.ascontiguousarray(points, dtype=np.float64),
-        np.ascontiguousarray(seeds, dtype=np.float64),
-        np.concatenate([[0], np.cumsum(hands_per_seed)]).astype(np.int64),
-        np.ascontiguousarray(T_task_hands, dtype=np.float64),
-        centered,
-        hand,
-        np.array(settings._replace(gap=gap_bins)),
-    )
+    lengths = np.array(settings._replace(gap=np.ceil(settings.gap / BIN))[:-1])
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    seeds = np.ascontiguousarray(seeds, dtype=np.float64)
+    poses = np.ascontiguousarray(T_task_hands, dtype=np.float64)
+    offsets = np.concatenate([[0], np.cumsum(hands_per_seed)]).astype(np.int64)
+    found = np.tile([0.0, np.inf, 0.0], (len(poses), 1))
+
+    def run(part: slice) -> None:
+        ends = offsets[part.start : part.stop + 1]
+        _sweep(points, seeds[part], ends, poses, centered, hand, lengths, found)
+
+    run_in_parts(run, len(seeds), settings.threads)
     return DepthRange(found[:, 0], found[:, 1], found[:, 2])
 
 
@@ -355,6 +360,7 @@ def jaw_content(
     opening: float,
     hand: FloatArray,
     band: float = 0.004,
+    threads: int = 1,
 ) -> JawContent:
     """Look at what stands between the open jaws.
 
@@ -365,15 +371,17 @@ def jaw_content(
         opening: Distance of the inner pad faces in [m].
         hand: From ``collision.hand_measures``.
         band: Points this near to the outermost one take the pad's pressure, in [m].
+        threads: Worker threads.
     """
     half_size = np.array([hand[0], opening / 2, hand[2]])
-    found = _inspect(
-        np.ascontiguousarray(cloud, dtype=np.float64),
-        np.ascontiguousarray(T_task_gripper, dtype=np.float64),
-        NEIGHBOURS,
-        half_size,
-        band,
-    )
+    cloud = np.ascontiguousarray(cloud, dtype=np.float64)
+    poses = np.ascontiguousarray(T_task_gripper, dtype=np.float64)
+    found = np.zeros((len(poses), 4))
+
+    def run(part: slice) -> None:
+        _inspect(cloud, poses[part], NEIGHBOURS, half_size, band, found[part])
+
+    run_in_parts(run, len(poses), threads)
     worse = np.minimum(found[:, 2], found[:, 3])
     better = np.maximum(found[:, 2], found[:, 3])
     return JawContent(found[:, 0], found[:, 1], worse, better)

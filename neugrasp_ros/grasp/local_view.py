@@ -183,20 +183,21 @@ def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
     cube_high = np.array(values.shape) / inverse
     normal = np.zeros(3)
     for g in range(len(poses)):
-        T = poses[g]
+        xx, xy, xz, x0 = poses[g, 0, 0], poses[g, 0, 1], poses[g, 0, 2], poses[g, 0, 3]
+        yx, yy, yz, y0 = poses[g, 1, 0], poses[g, 1, 1], poses[g, 1, 2], poses[g, 1, 3]
+        zx, zy, zz, z0 = poses[g, 2, 0], poses[g, 2, 1], poses[g, 2, 2], poses[g, 2, 3]
         count = 0
-        for r in range(len(origins)):
-            a, b, c = origins[r]
-            p, q, s = directions[r]
-            start, end = spans[r]
-            ox = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
-            oy = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
-            oz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
-            dx = T[0, 0] * p + T[0, 1] * q + T[0, 2] * s
-            dy = T[1, 0] * p + T[1, 1] * q + T[1, 2] * s
-            dz = T[2, 0] * p + T[2, 1] * q + T[2, 2] * s
+        for r in range(len(origins)):  # no slices here: each would count a reference
+            a, b, c = origins[r, 0], origins[r, 1], origins[r, 2]
+            p, q, s = directions[r, 0], directions[r, 1], directions[r, 2]
+            ox = xx * a + xy * b + xz * c + x0
+            oy = yx * a + yy * b + yz * c + y0
+            oz = zx * a + zy * b + zz * c + z0
+            dx = xx * p + xy * q + xz * s
+            dy = yx * p + yy * q + yz * s
+            dz = zx * p + zy * q + zz * s
             first, last = clip_to_box(ox, oy, oz, dx, dy, dz, cube_low, cube_high)
-            start, end = max(start, first), min(end, last)
+            start, end = max(spans[r, 0], first), min(spans[r, 1], last)
             if start >= end:
                 continue
             t = march_one(
@@ -209,12 +210,10 @@ def _render(  # type: ignore[no-untyped-def]  # noqa: PLR0913 (a numba kernel)
             points[g, count, 2] = c + t * s
             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
             normal_one(values, inverse, reach, x, y, z, normal)
-            for axis in range(3):
-                normals[g, count, axis] = (
-                    T[0, axis] * normal[0]
-                    + T[1, axis] * normal[1]
-                    + T[2, axis] * normal[2]
-                )
+            u, v, w = normal
+            normals[g, count, 0] = xx * u + yx * v + zx * w
+            normals[g, count, 1] = xy * u + yy * v + zy * w
+            normals[g, count, 2] = xz * u + yz * v + zz * w
             count += 1
             if count == n_points:
                 break

@@ -79,6 +79,7 @@ class SamplerConfig:
             the grasp's width; else every grasp can be approached fully open.
         distance: Grasps nearer than this, and than ``angle``, are the same; in [m].
         angle: See ``distance``; in [rad].
+        threads: Worker threads; they change nothing but the time.
     """
 
     max_candidates: int = 256
@@ -101,6 +102,7 @@ class SamplerConfig:
     half_closed: bool = False
     distance: float = 0.02
     angle: float = 0.35
+    threads: int = 1
 
     def __post_init__(self) -> None:
         """Reject values out of range.
@@ -110,7 +112,7 @@ class SamplerConfig:
                 cosine not in [0, 1].
         """
         for name in ("max_candidates", "n_seeds", "n_yaws", "n_rolls", "voxel",
-                     "min_insertion", "distance", "angle"):  # fmt: skip
+                     "min_insertion", "distance", "angle", "threads"):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name} must be positive, got {getattr(self, name)}")
         shares = (*self.depth_fractions, self.min_alignment)
@@ -314,7 +316,7 @@ def _advance(
     settings = SweepSettings(
         gripper.max_opening, SEED_RADIUS, 2 * config.min_insertion,
         config.min_insertion, config.inflation, config.palm_gap, 2 * config.voxel,
-        advance + relief,
+        advance + relief, config.threads,
     )  # fmt: skip
     found = sweep_depths(
         cloud[:, :3], cloud[seeds, :3], hands.poses,
@@ -352,15 +354,16 @@ def _inspect(
     """Centre the jaws on what they enclose; keep what the pads meet squarely."""
     closing = found.poses.copy()
     closing[:, :3, 3] += _half_advance(gripper) * closing[:, :3, 2]
-    content = jaw_content(cloud, closing, gripper.max_opening, hand_measures(gripper))
+    opening, hand = gripper.max_opening, hand_measures(gripper)
+    content = jaw_content(cloud, closing, opening, hand, threads=config.threads)
     alignment = content.other if config.one_sided else content.alignment
     extents = content.upper - content.lower  # -inf where there is nothing
-    fits = extents + 2 * config.inflation <= gripper.max_opening
+    fits = extents + 2 * config.inflation <= opening
     keep = (alignment >= config.min_alignment) & np.isfinite(extents) & fits
     poses = found.poses[keep]
     middle = (content.upper[keep] + content.lower[keep]) / 2
     poses[:, :3, 3] += middle[:, None] * poses[:, :3, 1]
-    widths = np.minimum(extents[keep] + 2 * config.width_margin, gripper.max_opening)
+    widths = np.minimum(extents[keep] + 2 * config.width_margin, opening)
     return Proposals(poses, found.scores[keep] + alignment[keep], widths)
 
 
@@ -384,15 +387,13 @@ def _free(
 ) -> Proposals:
     """Keep what reaches its grasp untouched, open or, if allowed, half closed."""
     openings = np.full(len(found.poses), gripper.max_opening)
-    free = approach_is_free(
-        found.poses, openings, solid, gripper, config.inflation, config.retreat
-    )
+    limits = config.inflation, config.retreat, config.threads
+    free = approach_is_free(found.poses, openings, solid, gripper, *limits)
     if not config.half_closed:
         return found.take(free)
     narrow = ~free
     free[narrow] = approach_is_free(
-        found.poses[narrow], found.widths[narrow], solid, gripper,
-        config.inflation, config.retreat,
-    )  # fmt: skip
+        found.poses[narrow], found.widths[narrow], solid, gripper, *limits
+    )
     scores = found.scores - NARROW_PENALTY * narrow
     return found._replace(scores=scores).take(free)

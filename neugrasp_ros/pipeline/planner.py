@@ -259,7 +259,7 @@ class GraspPlanner:
                 surface.points,
                 surface.normals,
                 self.gripper,
-                SamplerConfig(),
+                SamplerConfig(threads=self._threads),
                 np.random.default_rng(seed),
                 support_height=support_height,
             )

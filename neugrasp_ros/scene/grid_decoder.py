@@ -22,7 +22,7 @@ from neugrasp_ros.scene.decoder import OccupancyDecoder
 
 Float32Array = NDArray[np.float32]
 
-TILE = 96  # points decoded together: their activations stay in the first cache, and a
+TILE = 48  # points decoded together: their activations stay in the first cache, and a
 # product of this size is too small for OpenBLAS to start threads of its own
 
 
@@ -195,30 +195,48 @@ def _double_rows(table, first, last, out):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _gather(table, first, second, on_grid, out):  # pragma: no cover - compiled
-    """Add a plane's row at coordinates in [0, 1] to (F,): its cell's, or between four.
+def _at_cells(table, u, v, w, base, out, n):  # pragma: no cover - compiled
+    """Write ``base`` (F,) and three planes' rows, of the cells of a point, to row n.
 
-    The table is indexed [second, first], as planes are.
+    The table is indexed [plane, second, first], as planes are.
     """
-    size = table.shape[0]
+    size = table.shape[1]
+    i, j, k = int(u * size), int(v * size), int(w * size)
+    for f in range(out.shape[1]):
+        out[n, f] = base[f] + table[0, k, j, f] + table[1, k, i, f] + table[2, j, i, f]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _between_cells(table, p, first, second, out, n):  # pragma: no cover - compiled
+    """Add a plane's row at coordinates in [0, 1], between four cells, to row n."""
+    size = table.shape[1]
     u, v = first * size, second * size
-    if on_grid:
-        row = table[int(v), int(u)]
-        for f in range(len(out)):
-            out[f] += row[f]
-        return
     u = min(max(u - np.float32(0.5), np.float32(0.0)), np.float32(size - 1))
     v = min(max(v - np.float32(0.5), np.float32(0.0)), np.float32(size - 1))
     i, j = int(u), int(v)
     k, m = min(i + 1, size - 1), min(j + 1, size - 1)
     a, b = np.float32(u - i), np.float32(v - j)
-    one = np.float32(1.0)
-    near, far = table[j, i], table[j, k]
-    near_up, far_up = table[m, i], table[m, k]
-    for f in range(len(out)):
-        low = (one - a) * near[f] + a * far[f]
-        high = (one - a) * near_up[f] + a * far_up[f]
-        out[f] += (one - b) * low + b * high
+    both = a * b
+    near, far, near_up = np.float32(1.0) - a - b + both, a - both, b - both
+    for f in range(out.shape[1]):
+        low = near * table[p, j, i, f] + far * table[p, j, k, f]
+        high = near_up * table[p, m, i, f] + both * table[p, m, k, f]
+        out[n, f] += low + high
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _gather(table, points, start, count, on_grid, base, out):  # pragma: no cover
+    """Write what points read off three planes, and ``base`` (F,), to rows (N, F)."""
+    for n in range(count):
+        i = start + n
+        u, v, w = points[i, 0], points[i, 1], points[i, 2]
+        if on_grid:
+            _at_cells(table, u, v, w, base, out, n)
+        else:
+            out[n] = base
+            _between_cells(table, 0, v, w, out, n)
+            _between_cells(table, 1, u, w, out, n)
+            _between_cells(table, 2, u, v, out, n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -231,50 +249,45 @@ def _decode(  # noqa: C901, PLR0913 (a numba kernel)
     x = np.empty((TILE, hidden), dtype=np.float32)
     y = np.empty((TILE, hidden), dtype=np.float32)
     z = np.empty((TILE, hidden), dtype=np.float32)
+    flat_z = z.reshape(-1)
     added = np.empty((TILE, n_blocks * hidden), dtype=np.float32)
+    base = np.empty(n_blocks * hidden, dtype=np.float32)  # what blocks add anyway
+    shift = np.empty((n_blocks, TILE * hidden), dtype=np.float32)
+    for b in range(n_blocks):
+        for h in range(hidden):
+            base[b * hidden + h] = second_bias[b - 1, h] if b > 0 else position[3, h]
+        for n in range(TILE):
+            shift[b, n * hidden : (n + 1) * hidden] = first_bias[b]
     for start in range(0, len(points), TILE):
         count = min(TILE, len(points) - start)
+        _gather(projected, points, start, count, on_grid, base, added)
         for n in range(count):
-            u, v, w = points[start + n]
-            added[n] = zero
-            _gather(projected[0], v, w, on_grid, added[n])
-            _gather(projected[1], u, w, on_grid, added[n])
-            _gather(projected[2], u, v, on_grid, added[n])
+            i = start + n
+            u, v, w = points[i, 0], points[i, 1], points[i, 2]
             for h in range(hidden):
-                x[n, h] = (
-                    u * position[0, h]
-                    + v * position[1, h]
-                    + w * position[2, h]
-                    + position[3, h]
-                )
+                x[n, h] = u * position[0, h] + v * position[1, h] + w * position[2, h]
+                y[n, h] = zero
         for b in range(n_blocks):
             for n in range(count):
-                row, offset = x[n], b * hidden
+                offset = b * hidden
                 for h in range(hidden):
-                    row[h] += added[n, offset + h]
-                    y[n, h] = max(row[h], zero)
+                    x[n, h] += added[n, offset + h] + y[n, h]
+                    y[n, h] = max(x[n, h], zero)
             np.dot(y[:count], first[b], z[:count])
-            for n in range(count):
-                for h in range(hidden):
-                    z[n, h] = max(z[n, h] + first_bias[b, h], zero)
+            for i in range(count * hidden):
+                flat_z[i] = max(flat_z[i] + shift[b, i], zero)
             np.dot(z[:count], second[b], y[:count])
-            for n in range(count):
-                for h in range(hidden):
-                    x[n, h] += y[n, h] + second_bias[b, h]
         for n in range(count):
             total = last[hidden]
             for h in range(hidden):
-                total += max(x[n, h], zero) * last[h]
+                value = x[n, h] + y[n, h] + second_bias[n_blocks - 1, h]
+                total += max(value, zero) * last[h]
             out[start + n] = total
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _read(table, points, out):  # pragma: no cover - compiled
-    for n in range(len(points)):
-        u, v, w = points[n]
-        _gather(table[0], v, w, False, out[n])
-        _gather(table[1], u, w, False, out[n])
-        _gather(table[2], u, v, False, out[n])
+def _read(table, points, base, out):  # pragma: no cover - compiled
+    _gather(table, points, 0, len(points), False, base, out)
 
 
 def read_projected(
@@ -292,10 +305,11 @@ def read_projected(
         Shape (N, F).
     """
     points = np.ascontiguousarray(points, dtype=np.float32)
-    out = np.zeros((len(points), table.shape[-1]), dtype=np.float32)
+    out = np.empty((len(points), table.shape[-1]), dtype=np.float32)
+    base = np.zeros(table.shape[-1], dtype=np.float32)
 
     def run(part: slice) -> None:
-        _read(table, points[part], out[part])
+        _read(table, points[part], base, out[part])
 
     run_in_parts(run, len(points), threads)
     return out

@@ -53,6 +53,12 @@ def test_clutter_gets_many_free_grasps_above_the_table(clutter, name):
         assert gaps[bodies == body].min() < 0.03
 
 
+def test_threads_find_the_same_grasps(clutter):
+    alone, shared = (sample(clutter[:2], threads=threads) for threads in (1, 3))
+    np.testing.assert_array_equal(alone.poses, shared.poses)
+    np.testing.assert_array_equal(alone.widths, shared.widths)
+
+
 def test_grasps_come_from_above_and_from_the_side(clutter):
     approach = sample(clutter[:2]).poses[:, 2, 2]
     assert (approach > -0.5).mean() > 0.15
