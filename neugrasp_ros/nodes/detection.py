@@ -17,6 +17,7 @@ from neugrasp_ros.grasp.queries import parse_query
 from neugrasp_ros.nodes.conversions import to_pose, to_stamp
 from neugrasp_ros.nodes.grasp_list import GraspList, Reach
 from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
+from neugrasp_ros.nodes.pace import Pace
 from neugrasp_ros.nodes.planner_stages import Box, Staged, in_box
 from neugrasp_ros.nodes.requests import REACH_FIRST, REACH_LAST, Wanted
 from neugrasp_ros.nodes.scene_view import SceneView
@@ -27,7 +28,6 @@ FloatArray = NDArray[np.float64]
 
 NEWEST = 0  # a stamp that means the newest transforms
 HINT_TIME = 3.0  # [s] that must be left to look for a place for the base
-BATCH = 128  # candidates scored between two looks at the clock
 PROGRESS = {
     "fusion": 0.05,
     "rendering": 0.15,
@@ -256,16 +256,20 @@ class Detection:
     def _score(self, grasps: GraspList, view: SceneView) -> GraspList:
         """Score batch by batch, so that cancel and budget are seen in time."""
         report, budget = self._outcome.report, self._wanted.budget
+        pace = Pace(self._start + budget if budget else None)
         done: list[GraspList] = []
-        for start in range(0, len(grasps), BATCH):
+        start = 0
+        while start < len(grasps):
             self._step("quality")
-            if budget and done and time.monotonic() - self._start > budget:
+            count = pace.next(len(grasps) - start)
+            if not count:
                 report.budget_spent = True
                 break
-            rows = np.arange(start, min(start + BATCH, len(grasps)))
+            rows = np.arange(start, start + count)
             staged = self._stages.evaluate(grasps.take(rows), view, self._deadline)
             self._note(staged.seconds)
             done.append(staged.grasps)
+            start += count
         return joined(done)
 
     def _above(self, scored: GraspList) -> GraspList:
