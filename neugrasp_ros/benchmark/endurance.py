@@ -2,18 +2,10 @@
 """Does the memory of a process grow with its detections?"""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from neugrasp_ros.benchmark.shots import Shot
-from neugrasp_ros.benchmark.speed import peak_memory_mb
+from neugrasp_ros.benchmark.speed import peak_memory_mb, resident_mb
 from neugrasp_ros.pipeline import GraspPlanner
-
-
-def resident_mb() -> float:
-    """Return the resident memory of this process now in [MB]."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    now = next(line for line in lines if line.startswith("VmRSS"))
-    return int(now.split()[1]) / 1024
 
 
 def endure(

@@ -31,11 +31,20 @@ def matmul_ms() -> float:
     return 1e3 * min(spent)
 
 
-def peak_memory_mb() -> float:
-    """Return the greatest resident memory of this process so far in [MB]."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    peak = next(line for line in lines if line.startswith("VmHWM"))
-    return int(peak.split()[1]) / 1024
+def peak_memory_mb(process: int | str = "self") -> float:
+    """Return the greatest resident memory of a process so far in [MB]."""
+    return _memory_mb("VmHWM", process)
+
+
+def resident_mb(process: int | str = "self") -> float:
+    """Return the resident memory of a process now in [MB]."""
+    return _memory_mb("VmRSS", process)
+
+
+def _memory_mb(field: str, process: int | str) -> float:
+    lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    found = next(line for line in lines if line.startswith(field))
+    return int(found.split()[1]) / 1024
 
 
 def time_decision(

@@ -11,6 +11,7 @@ from neugrasp_ros.benchmark.speed import STAGES
 
 SIZE = (7.0, 2.6)  # [inch]
 DPI = 120
+OF_THE_SUITE = ("service_composed", "service_separate", "memory_composed")
 
 
 def profile_table(result: dict[str, Any]) -> str:
@@ -26,6 +27,9 @@ def profile_table(result: dict[str, Any]) -> str:
         for name, value in result.items()
         if isinstance(value, float) and not name.startswith("total")
     }
+    for part in OF_THE_SUITE:
+        for name, value in result.get(part, {}).items():
+            rest[f"{part}.{name}"] = float(value)
     lines += [f"{name} {value:.4g}" for name, value in sorted(rest.items())]
     return "\n".join(lines)
 

@@ -14,8 +14,9 @@ ON_TABLE = (5, 8, 12, 18)  # objects
 CURVE_SCENES = 5
 PARTS = (
     "timing", "speedup", "rays", "scores", "curves", "tables", "endurance", "service",
+    "memory",
 )  # fmt: skip
-USUAL = ",".join(PARTS[:-2])
+USUAL = ",".join(PARTS[:-3])
 COUNTS = (
     "scenes", "reference", "rays", "scores", "grasps", "detections", "candidates",
     "repeat", "requests",
@@ -37,7 +38,7 @@ def add_parser(
     add("--rays", type=int, default=50, help="scenes whose rays are compared")
     add("--scores", type=int, default=50, help="scenes whose scores are compared")
     add("--grasps", type=int, default=32, help="grasps compared in a scene")
-    add("--detections", type=int, default=1000, help="of the endurance run")
+    add("--detections", type=int, default=1000, help="of endurance and memory")
     add("--requests", type=int, default=50, help="to the service, of either kind")
     add("--repeat", type=int, default=3, help="runs of the timing; the best one counts")
     add("--threads", type=int, default=2)
@@ -149,6 +150,7 @@ def _part(
     from neugrasp_ros.benchmark.shots import shoot, table
     from neugrasp_ros.cli.score_check import noted_scores
     from neugrasp_ros.cli.service_latency import by_service
+    from neugrasp_ros.cli.suite_memory import by_memory
 
     few = shots[:CURVE_SCENES]
 
@@ -183,4 +185,5 @@ def _part(
             planner, few, max(args.detections // 10, 1), args.detections
         ),
         "service": lambda: by_service(few, args.requests, planner.config),
+        "memory": lambda: by_memory(few, args.detections, planner.config),
     }[name]

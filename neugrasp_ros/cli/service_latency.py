@@ -4,7 +4,8 @@
 import os
 import random
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from subprocess import Popen
 from typing import Any
 
 from neugrasp_ros.cli.processes import (
@@ -16,8 +17,11 @@ from neugrasp_ros.cli.processes import (
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.nodes.table import ros_arguments, suite
 
-START_TIMEOUT = 180.0  # [s], with kernels to compile
+START_TIMEOUT = 900.0  # [s], with all kernels to compile beside other work
 PLANNER_NODES = ("scene_renderer", "grasp_evaluator")
+
+Watch = Callable[[Mapping[str, "Popen[str]"], int], None]
+"""Told the suite's processes by their names, and how many answers have come."""
 
 
 def by_service(
@@ -40,12 +44,17 @@ def by_service(
     Raises:
         NoAnswerError: If the suite does not come up, ends or stops answering.
     """
-    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 101)))
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    keep_to_this_machine()
     return {
         name: asked(suite_commands(config, separate), shots, requests)
         for name, separate in (("service_composed", False), ("service_separate", True))
     }
+
+
+def keep_to_this_machine() -> None:
+    """Choose a random domain, unless the environment says which."""
+    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 101)))
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
 def suite_commands(config: PlannerConfig, separate: bool) -> list[Command]:
@@ -69,9 +78,21 @@ def suite_commands(config: PlannerConfig, separate: bool) -> list[Command]:
 
 
 def asked(
-    commands: Sequence[Command], shots: Sequence[Any], requests: int
+    commands: Sequence[Command],
+    shots: Sequence[Any],
+    requests: int,
+    after: Watch = lambda *_: None,
 ) -> dict[str, Any]:
     """Run a suite while it is asked; a signal, or the end of one process, ends all.
+
+    Args:
+        commands: The suite.
+        shots: Scenes of one cube.
+        requests: Answers that count.
+        after: Called after each of them.
+
+    Returns:
+        As of ``nodes.service_probe.figures``.
 
     Raises:
         NoAnswerError: If the suite does not come up, ends or stops answering.
@@ -88,7 +109,10 @@ def asked(
             return not stopping.is_set() and all(code is None for code in codes)
 
         try:
-            return measure(shots, requests, START_TIMEOUT, is_running)
+            return measure(
+                shots, requests, START_TIMEOUT, is_running,
+                lambda answers: after(supervisor.processes, answers),
+            )  # fmt: skip
         finally:
             supervisor.request_stop()
             watcher.join()

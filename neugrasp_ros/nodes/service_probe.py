@@ -166,6 +166,7 @@ def measure(
     requests: int,
     start_timeout: float,
     is_running: Callable[[], bool] = lambda: True,
+    after: Callable[[int], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Ask a running suite again and again, each time about another image.
 
@@ -174,6 +175,7 @@ def measure(
         requests: How many answers count; those before the first grasps do not.
         start_timeout: How long the suite may take to start and compile [s].
         is_running: Tells whether the suite's processes run.
+        after: Told how many answers that count have come.
 
     Returns:
         As ``figures``.
@@ -193,6 +195,7 @@ def measure(
             if answer is None:
                 raise NoAnswerError(f"no answer from detect_grasps in {2 * TIMEOUT} s")
             answers.append(answer)
+            after(len(answers))
     return figures(answers)
 
 

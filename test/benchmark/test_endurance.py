@@ -3,7 +3,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from neugrasp_ros.benchmark.endurance import endure, resident_mb
+from neugrasp_ros.benchmark.endurance import endure
+from neugrasp_ros.benchmark.speed import resident_mb
 
 
 class HoardingPlanner:

@@ -22,7 +22,7 @@ from neugrasp_ros.model import save_network
 from neugrasp_ros.pipeline import GraspPlanner
 
 CENTER, RADIUS = np.array([0.15, 0.15, 0.09]), 0.05  # [m]
-NETWORK = replace(AFFORDING_NETWORK, affordances=())
+NETWORK = replace(AFFORDING_NETWORK, affordances=(), resolution=64)  # as shipped
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +42,13 @@ def test_rays_and_scores_agree_with_the_reference(shot, tmp_path):
     found = check_rays(planner, [shot], n_rays=24576)
     found |= check_scores(planner, [shot], n_grasps=3)
     assert found["rays_same_hit"] >= 0.99
-    assert found["rays_within_1_5_mm"] >= 0.9  # voxels are 9 mm and edges sharp here
+    assert found["rays_within_1_5_mm"] >= 0.99
     assert found["rays_median_mm"] < 0.01
     assert found["rays_met"] > 0.002
     assert found["scores_grasps"] == 3
-    assert found["scores_mean_gap"] < 0.05
+    assert found["scores_mean_gap"] <= 0.02
+    assert found["scores_p95_gap"] <= 0.08
+    assert found["scores_best_as_good"] == 1.0
 
 
 def test_scenes_are_pooled_by_grasp_and_those_without_any_do_not_count():

@@ -4,11 +4,13 @@ import pytest
 from neugrasp_ros.nodes.pace import BATCH, FIRST, Pace
 
 
-def scored(budget: float | None, cost: float, candidates: int) -> tuple[list, float]:
+def scored(
+    budget: float | None, cost: float, candidates: int
+) -> tuple[list[int], float]:
     """Score with a clock of its own; return batches and when that ended."""
     now = [5.0]
     pace = Pace(None if budget is None else 5.0 + budget, lambda: now[0])
-    batches = []
+    batches: list[int] = []
     while candidates > sum(batches) and (n := pace.next(candidates - sum(batches))):
         batches.append(n)
         now[0] += cost * n

@@ -84,11 +84,12 @@ def impatient(monkeypatch):
 
 def test_questions_before_the_first_grasps_may_be_lost_or_refused(spinner, impatient):
     codes = [None, DetectionReport.NOT_ACTIVE, NONE, NONE, TIMEOUT, NONE]
-    suite = spinner.add(Suite(codes))
+    suite, counted = spinner.add(Suite(codes)), []
     try:
-        found = measure([SHOT], 3, 60.0)
+        found = measure([SHOT], 3, 60.0, after=counted.append)
     finally:
         suite.over.set()
+    assert counted == [1, 2, 3]
     assert found["n"] == 2 and found["failed"] == 1
     assert found["library_ms_median"] == pytest.approx(250.0)
     assert found["latency_ms_median"] > 0

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Does the memory of the composed suite grow with its answers?"""
+
+import sys
+from collections.abc import Mapping, Sequence
+from subprocess import Popen
+from typing import Any
+
+from neugrasp_ros.benchmark.speed import peak_memory_mb, resident_mb
+from neugrasp_ros.cli.service_latency import (
+    asked,
+    keep_to_this_machine,
+    suite_commands,
+)
+from neugrasp_ros.config import PlannerConfig
+
+EARLY = 10  # the memory is read first after this part of the detections
+SAID = 10  # lines of progress
+
+
+def by_memory(
+    shots: Sequence[Any], detections: int, config: PlannerConfig
+) -> dict[str, Any]:
+    """Run the suite in one process, ask it again and again, and read its memory.
+
+    Args:
+        shots: Scenes of one cube, of ``benchmark.shots``; they take turns.
+        detections: Answers; the memory is read after a tenth of them, and at the end.
+        config: Of the suite's planner.
+
+    Returns:
+        ``memory_composed``: the suite's figures as of ``by_service``, and its resident
+        memory after either number in [MB], their ratio, and the peak.
+
+    Raises:
+        NoAnswerError: If the suite does not come up, ends or stops answering.
+    """
+    keep_to_this_machine()
+    early = max(detections // EARLY, 1)
+    seen: dict[int, float] = {}
+    peak = 0.0
+
+    def after(processes: Mapping[str, "Popen[str]"], answers: int) -> None:
+        nonlocal peak
+        (process,) = processes.values()
+        if answers in (early, detections):
+            seen[answers] = resident_mb(process.pid)
+            peak = peak_memory_mb(process.pid)
+        if answers % max(detections // SAID, 1) == 0:
+            now = resident_mb(process.pid)
+            line = f"memory: {answers} of {detections} answers, {now:.0f} MB"
+            print(line, file=sys.stderr, flush=True)
+
+    figures = asked(suite_commands(config, separate=False), shots, detections, after)
+    return {
+        "memory_composed": {
+            **figures,
+            "detections_early": early,
+            "detections_late": detections,
+            "rss_early_mb": seen[early],
+            "rss_late_mb": seen[detections],
+            "rss_growth": seen[detections] / seen[early],
+            "peak_mb": peak,
+        }
+    }
