@@ -1,9 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 from neugrasp_ros.benchmark import speed
-from neugrasp_ros.benchmark.speed import STAGES, matmul_ms, peak_memory_mb, summary
+from neugrasp_ros.benchmark.speed import (
+    STAGES,
+    matmul_ms,
+    peak_memory_mb,
+    resident_mb,
+    summary,
+)
 from neugrasp_ros.benchmark.speed_figures import draw_profile, profile_table
 
 
@@ -57,3 +66,12 @@ def test_a_table_names_every_stage_and_a_picture_is_drawn(rows, tmp_path):
 
 def test_a_run_of_other_parts_has_a_table_too():
     assert profile_table({"scores_mean_gap": 0.01, "seed": 0}) == "scores_mean_gap 0.01"
+
+
+def test_another_process_is_asked_for_its_memory():
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    try:
+        resident, peak = resident_mb(child.pid), peak_memory_mb(child.pid)
+    finally:
+        child.communicate(b"\n")
+    assert 0 < resident <= peak + 1 < peak_memory_mb()
