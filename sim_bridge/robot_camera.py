@@ -22,6 +22,7 @@ BLOCK_BODY = -2  # id of all furniture in segmentations
 ROBOT_BODY = -3
 STANDPOINT = np.array([1.75, -1.45, 1.65])  # of the bystander, in the base frame [m]
 LOOKED_AT = np.array([0.38, 0.0, 0.76])
+TORSO = np.array([0.25, 0.0, 1.0])  # the bystander shall see it, too
 LIGHT = np.array([0.35, -0.45, 1.0]) / np.linalg.norm([0.35, -0.45, 1.0])
 AMBIENT, SHADE = 0.45, 0.55  # of the brightness, without light and in the shadow
 FLOOR = (0.80, 0.80, 0.78)
@@ -97,7 +98,7 @@ class Bystander:
         floor = Block(
             "floor", np.array([0.5, 0.0, -0.01]), np.array([9.0, 9.0, 0.02]), FLOOR
         )
-        blocks = (*robot.blocks, floor)
+        blocks = (*open_to_view(robot.blocks), floor)
         scene = _scene(snapshot, self._parts, blocks, one_id_each=True)
         T_world_base = invert(robot.stance.T_base_world)
         T = T_world_base @ look_at(STANDPOINT, LOOKED_AT)
@@ -118,6 +119,29 @@ class Bystander:
         n = SUPERSAMPLING
         picture = picture.reshape(height, n, width, n, 3).mean(axis=(1, 3))
         return np.asarray(np.clip(picture * 255, 0, 255).astype(np.uint8))
+
+
+def open_to_view(blocks: Sequence[Block]) -> tuple[Block, ...]:
+    """Return the blocks without those between the bystander and the robot's work.
+
+    Args:
+        blocks: What stands around, first what the objects stand on.
+    """
+    support = blocks[0]
+    work = support.center + [0.0, 0.0, support.size[2] / 2 + 0.05]
+    walls = [
+        any(_is_between(block, target) for target in (work, TORSO)) for block in blocks
+    ]
+    return tuple(b for b, wall in zip(blocks, walls, strict=True) if not wall)
+
+
+def _is_between(block: Block, target: FloatArray) -> bool:
+    """Tell whether a block cuts the line from the bystander to a point (3,)."""
+    way = target - STANDPOINT
+    with np.errstate(divide="ignore"):
+        sides = (block.center - STANDPOINT + np.outer([-0.5, 0.5], block.size)) / way
+    enter, leave = sides.min(axis=0).max(), sides.max(axis=0).min()
+    return bool(max(enter, 0.0) < min(leave, 1.0))
 
 
 def _brightness(

@@ -132,16 +132,25 @@ class RobotDemoClient(DemoClient):
             if outcome not in REFUSED:
                 words = f"{outcome.name}: {words}"
             return attempt_of(best, False, words)
-        self._stage = DROP
-        dropped = self._call(self._drop, Trigger.Request(), MOTION_TIMEOUT)
+        lost = self._bring_to_box()
         self._pause(0.7)  # of the bridge's objects, which it tells twice a second
         new = sorted(self._cleared() - before)
         if new:
             return attempt_of(best, True, f"cleared {new[0]}")
-        if not dropped.success:
-            self._call(self._home, Trigger.Request(), MOTION_TIMEOUT)
-        words = dropped.message or "not in the box"
-        return attempt_of(best, False, f"LOST: {words}")
+        return attempt_of(best, False, f"LOST: {lost or 'not in the box'}")
+
+    def _bring_to_box(self) -> str:
+        """Drop what is held into its box; return why not, empty if it was let go.
+
+        Where there is no way from here, there may be one from the resting posture.
+        """
+        self._stage = DROP
+        first = self._call(self._drop, Trigger.Request(), MOTION_TIMEOUT)
+        if first.success:
+            return ""
+        self._call(self._home, Trigger.Request(), MOTION_TIMEOUT)
+        again = self._call(self._drop, Trigger.Request(), MOTION_TIMEOUT)
+        return "" if again.success else str(first.message)
 
     def _carry_out(self, grasps: GraspArray, best: Grasp) -> tuple[GraspOutcome, str]:
         sent = self._execute.send_goal_async(

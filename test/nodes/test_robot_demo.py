@@ -53,7 +53,7 @@ class Client(RobotDemoClient):
             "bins": cubes(BIN), "objects": cubes(at("mug", 0.6, 0.0, 0.75)),
         }  # fmt: skip
         self.outcomes, self.calls = [], []
-        self.lands = "mug"
+        self.lands, self.lands_from_home = "mug", ""
         self.set_answer = SetParameters.Response()
 
     def _pause(self, seconds):
@@ -73,7 +73,10 @@ class Client(RobotDemoClient):
         if client is self._set:
             self.wanted = request.parameters[0]
             return self.set_answer
-        return Trigger.Response(success=bool(self.lands), message="")
+        if client is self._home:
+            self.lands, self.lands_from_home = self.lands_from_home, ""
+        message = "" if self.lands else "no way"
+        return Trigger.Response(success=bool(self.lands), message=message)
 
 
 @pytest.fixture
@@ -127,8 +130,15 @@ def test_a_miss_is_named_and_not_tried_again(client):
 def test_what_does_not_reach_the_bin_is_lost_and_the_arm_goes_home(client):
     client.outcomes, client.lands = [SUCCESS], ""
     attempt = client._attempt(GRASPS)
-    assert not attempt.success and attempt.result == "LOST: not in the box"
-    assert client.calls[-1] == "grasp_executor/home"
+    assert not attempt.success and attempt.result == "LOST: no way"
+    assert client.calls[-3:] == [
+        "grasp_executor/drop", "grasp_executor/home", "grasp_executor/drop"
+    ]  # fmt: skip
+
+
+def test_what_has_no_way_to_the_bin_may_have_one_from_home(client):
+    client.outcomes, client.lands, client.lands_from_home = [SUCCESS], "", "mug"
+    assert client._attempt(GRASPS).result == "cleared mug"
 
 
 def test_the_workspace_goes_to_the_height_of_the_furniture(client):

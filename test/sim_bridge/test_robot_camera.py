@@ -4,7 +4,8 @@ import pytest
 
 from neugrasp_ros.geometry.camera import Intrinsics
 from neugrasp_ros.robot.link_meshes import LinkMeshes, VisualMeshes
-from sim_bridge.robot_camera import Bystander, Parts, RobotCamera
+from sim_bridge.furniture import BINS, FURNITURE
+from sim_bridge.robot_camera import Bystander, Parts, RobotCamera, open_to_view
 from sim_bridge.robot_cell import HEAD_JOINTS
 
 pytestmark = pytest.mark.filterwarnings("ignore:Gimbal lock")
@@ -61,3 +62,18 @@ def test_a_bystander_sees_robot_furniture_and_objects_in_colour(cell, tiago):
     picture = by.photo(cell.snapshot)
     assert picture.shape == (60, 80, 3) and picture.dtype == np.uint8
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
+
+
+@pytest.mark.parametrize(
+    ("name", "hidden"), [("table", 0), ("cupboard", 0), ("shelf", 2)]
+)
+def test_walls_before_the_bystander_are_left_out(name, hidden):
+    furniture = FURNITURE[name]
+    own = (furniture.support, *furniture.others, *furniture.later)
+    boxes = tuple(block for bin_ in BINS.values() for block in bin_.blocks())
+    shown = open_to_view((*own, *boxes))
+    assert len(shown) == len(own) + len(boxes) - hidden
+    assert shown[0] is furniture.support
+    for block in own:
+        if all(block is not other for other in shown):  # back, and the side before him
+            assert block.size.min() == 0.02 and block.size[2] > 1.0
