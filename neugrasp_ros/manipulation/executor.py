@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.errors import CanceledError, MotionError, UnreachableError
 from neugrasp_ros.manipulation.closing import least_opening, raised
+from neugrasp_ros.manipulation.escape import plan_escape
 from neugrasp_ros.manipulation.mover import ArmMover, PlannedGrasp, Surroundings
 from neugrasp_ros.manipulation.settings import ExecutorConfig
 from neugrasp_ros.motion.limits import Trajectory
@@ -23,8 +24,6 @@ from neugrasp_ros.robot.reachability import Reach
 FloatArray = NDArray[np.float64]
 Report = Callable[[str, float], None]
 """Told the stage, and the share done 0..1."""
-
-RISE_SHARES = (1.0, 0.5)  # shares of the way up that are tried
 
 _log = logging.getLogger(__name__)
 
@@ -177,8 +176,8 @@ class GraspExecutor:
         try:
             self._hardware.follow(arm, self._way_to_box(arm, around, box))
         except MotionError as error:
-            _log.info("what %s holds got stuck (%s): again from above", arm, error)
-            self._raise(arm)
+            _log.info("what %s holds got stuck (%s): again from outside", arm, error)
+            self._get_out(arm, around, box)
             self._carry(arm, around, box)
         report("release", 0.6)
         self._open(arm)
@@ -206,18 +205,17 @@ class GraspExecutor:
             way = self._way_to_box(arm, around, None)
         self._hardware.follow(arm, way)
 
-    def _raise(self, arm: str) -> None:
-        """Move the hand straight up, as far as the arm can, out of a narrow place."""
-        q = self._hardware.configuration()
-        for share in RISE_SHARES:
-            up = np.array([0.0, 0.0, share * self._config.back_out])
-            try:
-                shift = self._mover.plan_shift(q, arm, up)
-            except MotionError as error:
-                _log.info("%s cannot rise by %.2f m: %s", arm, up[2], error)
-                continue
-            self._hardware.follow(arm, shift)
+    def _get_out(
+        self, arm: str, around: Surroundings, box: CarriedBox | None = None
+    ) -> None:
+        """Move the hand out of a narrow place, as far as there is a straight way."""
+        q, distance = self._hardware.configuration(), self._config.back_out
+        try:
+            out = plan_escape(self._mover, q, arm, distance, around=around, carried=box)
+        except MotionError as error:
+            _log.info("%s", error)
             return
+        self._hardware.follow(arm, out)
 
     def go_home(self, arm: str, around: Surroundings | None = None) -> None:
         """Return to the resting posture; where that is not possible, back out first.
@@ -231,8 +229,8 @@ class GraspExecutor:
         try:
             home = self._mover.plan_home(q, arm, around)
         except MotionError as error:
-            _log.info("no way home at once (%s): moving up first", error)
-            self._raise(arm)
+            _log.info("no way home at once (%s): getting out first", error)
+            self._get_out(arm, around)
             q = self._hardware.configuration()
             home = self._mover.plan_home(q, arm, around)
         self._hardware.follow(arm, home)

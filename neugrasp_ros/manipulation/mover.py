@@ -292,6 +292,19 @@ class ArmMover:
         checker = _loaded(self.checker.collisions, arm, carried)
         return bool(_FreeCheck(checker, arm, q, around)(posture[None])[0])
 
+    def leads_free(
+        self,
+        q: FloatArray,
+        arm: str,
+        motion: Trajectory,
+        around: Surroundings,
+        carried: CarriedBox | None = None,
+    ) -> bool:
+        """Tell whether a motion leaves what it touches at most at its start."""
+        checker = _loaded(self.checker.collisions, arm, carried)
+        free = _FreeCheck(checker, arm, q, around)(motion.positions)
+        return bool(free[-1] and (np.diff(free.astype(int)) >= 0).all())
+
     def _hanging(
         self,
         q: FloatArray,

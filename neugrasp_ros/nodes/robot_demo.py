@@ -19,7 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from neugrasp_ros.manipulation.executor import GraspOutcome
 from neugrasp_ros.nodes.compat.images import read_color
-from neugrasp_ros.nodes.conversions import only
+from neugrasp_ros.nodes.conversions import from_stamp, only
 from neugrasp_ros.nodes.demo_client import DemoClient, DemoError, attempt_of
 from neugrasp_ros.nodes.qos import latched, newest
 from neugrasp_ros.nodes.settings import DEFAULT_SUPPORT_HEIGHT
@@ -51,7 +51,7 @@ class RobotDemoClient(DemoClient):
     def __init__(self, spin: Callable[[float], None]) -> None:
         super().__init__(spin)
         self.shots: list[Shot] = []
-        self._stage, self._before = LOOK, 0
+        self._stage, self._before, self._begin = LOOK, 0, 0
         self.largest_contact = 0.0
         self._execute = ActionClient(self, ExecuteGrasp, "execute_grasp")
         self._drop = self.create_client(Trigger, "grasp_executor/drop")
@@ -96,7 +96,9 @@ class RobotDemoClient(DemoClient):
             if not done.successful:
                 raise DemoError(f"{WORKSPACE}: {done.reason}")
         self._call(self._reset, Trigger.Request())
-        self.shots.clear()  # of what stood there before
+        # pictures of what stood there before may still be on their way
+        self._begin = from_stamp(_cubes(self._latest["support"])[0].header.stamp)
+        self.shots.clear()
 
     def _support_height(self) -> float:
         """Return the top of the box that the bridge names first, the support."""
@@ -104,6 +106,8 @@ class RobotDemoClient(DemoClient):
         return float(marker.pose.position.z + marker.scale.z / 2)
 
     def _on_view(self, image: Image) -> None:
+        if from_stamp(image.header.stamp) < self._begin:
+            return
         frame = read_color(image)
         if self.shots and np.array_equal(self.shots[-1].frame, frame):
             return

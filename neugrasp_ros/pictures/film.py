@@ -14,7 +14,7 @@ from neugrasp_ros.errors import ShapeError
 Frame = NDArray[np.uint8]
 
 STAGES = ("look", "reach", "grasp", "lift", "drop")
-COLORS = 96
+COLORS = 256
 FRAME_MS = 220
 LAST_FRAME_MS = 2000
 MOST_FRAMES = 90
@@ -117,7 +117,9 @@ def _spread(count: int, most: int) -> list[int]:
 def _palette(images: Sequence[Image.Image]) -> Image.Image:
     """Return an image whose palette suits some images of the run."""
     some = [np.asarray(images[k]) for k in _spread(len(images), 5)]
-    return Image.fromarray(np.concatenate(some)).quantize(COLORS)
+    every = Image.fromarray(np.concatenate(some))
+    # this method leaves no small bright thing without its colour
+    return every.quantize(COLORS, method=Image.Quantize.FASTOCTREE)
 
 
 def _captioned(shot: Shot, width: int | None = None) -> Image.Image:

@@ -96,6 +96,9 @@ class Mover:
     def plan_home(self, q, arm, around):
         return "home"
 
+    def leads_free(self, q, arm, motion, around, carried):
+        return True
+
     def plan_shift(self, q, arm, shift):
         return "shift"
 

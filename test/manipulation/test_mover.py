@@ -104,6 +104,19 @@ def test_a_hand_shifts_straight(mover):
     assert hand[1, :3, 3] - hand[0, :3, 3] == pytest.approx(shift, abs=2e-3)
 
 
+def test_a_motion_may_leave_what_it_touches_and_not_run_into_it(mover):
+    q, arm = mover.robot.home, "arm_left_torso"
+    there = mover.plan_shift(q, arm, np.array([0.08, 0.0, 0.0]))
+    back = replace(there, positions=there.positions[::-1])
+    hand = mover.checker.arms[arm].forward(there.positions[-1:])[0]
+    palm = hand.copy()
+    palm[:3, 3] -= 0.09 * hand[:3, 2]
+    wall = Surroundings(boxes=(SolidBox(palm, np.full(3, 0.01)),))
+    assert not mover.leads_free(q, arm, there, wall)
+    assert mover.leads_free(q, arm, back, wall)
+    assert mover.leads_free(q, arm, there, Surroundings())
+
+
 @pytest.mark.parametrize(
     ("where", "code", "words"),
     [

@@ -217,6 +217,18 @@ def test_pictures_say_what_the_robot_does_and_how_far_it_is(client):
     assert look(9) == ("home", "1 of 1 in the boxes")
 
 
+def test_a_late_picture_of_the_scene_before_is_left_out(client):
+    client.set_answer.results = [_ok()]
+    client._latest["support"] = box_markers(
+        [at("table", 0.6, 0.0, 0.7)], "base", Time(sec=8)
+    )
+    client.prepare_scene("table")
+    for second in (7, 8):
+        picture = np.full((2, 3, 3), second, np.uint8)
+        client._on_view(write_color(picture, "base", Time(sec=second)))
+    assert [int(shot.frame[0, 0, 0]) for shot in client.shots] == [8]
+
+
 def test_a_picture_before_the_first_scene_is_harmless(client):
     client._latest.clear()
     client._on_view(write_color(np.zeros((2, 3, 3), np.uint8), "base", Time()))
