@@ -82,6 +82,7 @@ def asked(
     shots: Sequence[Any],
     requests: int,
     after: Watch = lambda *_: None,
+    pause: float | None = None,
 ) -> dict[str, Any]:
     """Run a suite while it is asked; a signal, or the end of one process, ends all.
 
@@ -90,6 +91,7 @@ def asked(
         shots: Scenes of one cube.
         requests: Answers that count.
         after: Called after each of them.
+        pause: Between an answer and the next question in [s]; default the probe's.
 
     Returns:
         As of ``nodes.service_probe.figures``.
@@ -97,7 +99,7 @@ def asked(
     Raises:
         NoAnswerError: If the suite does not come up, ends or stops answering.
     """
-    from neugrasp_ros.nodes.service_probe import measure
+    from neugrasp_ros.nodes.service_probe import PAUSE, measure
 
     with stop_on_signals() as stopping:
         supervisor = Supervisor(commands, stopping=stopping)
@@ -112,6 +114,7 @@ def asked(
             return measure(
                 shots, requests, START_TIMEOUT, is_running,
                 lambda answers: after(supervisor.processes, answers),
+                PAUSE if pause is None else pause,
             )  # fmt: skip
         finally:
             supervisor.request_stop()

@@ -16,6 +16,7 @@ from neugrasp_ros.config import PlannerConfig
 
 EARLY = 10  # the memory is read first after this part of the detections
 SAID = 10  # lines of progress
+PAUSE = 0.05  # [s] between two questions
 
 
 def by_memory(
@@ -51,7 +52,8 @@ def by_memory(
             line = f"memory: {answers} of {detections} answers, {now:.0f} MB"
             print(line, file=sys.stderr, flush=True)
 
-    figures = asked(suite_commands(config, separate=False), shots, detections, after)
+    commands = suite_commands(config, separate=False)
+    figures = asked(commands, shots, detections, after, PAUSE)
     return {
         "memory_composed": {
             **figures,

@@ -24,7 +24,8 @@ from neugrasp_ros.nodes.settings import WorkspaceConfig
 from neugrasp_ros.nodes.table import DEPTH_TOPICS
 
 HEAD_START = 0.1  # [s]; by then the server knows that it waits for an image
-PAUSE = 0.1  # [s] between an answer and the next question
+PAUSE = 1.0  # [s] between an answer and the next question; by then the streams, which
+# look at each image as well, have let go of the planner
 RETRY = 1.0  # [s] between questions to a suite that is not ready
 TIMEOUT = 10.0  # [s] of a request
 POLL = 0.2  # [s] between two looks whether the suite still runs
@@ -40,11 +41,13 @@ class Answer(NamedTuple):
         latency: From the depth image's stamp to the reply, in [s].
         library: What of it the stages of the library took, in [s].
         code: Of the report.
+        message: Of the report.
     """
 
     latency: float
     library: float
     code: int
+    message: str = ""
 
 
 class Probe:
@@ -126,7 +129,8 @@ class Probe:
             return None
         report = future.result().report
         library = sum(getattr(report, f"seconds_{name}") for name in LIBRARY)
-        return Answer((replied[0] - taken) / 1e9, library, report.code)
+        latency = (replied[0] - taken) / 1e9
+        return Answer(latency, library, report.code, report.message)
 
     def _wait(self, wait: Callable[[float], bool], seconds: float) -> bool:
         """Wait a little again and again; return whether that was successful in time.
@@ -167,6 +171,7 @@ def measure(
     start_timeout: float,
     is_running: Callable[[], bool] = lambda: True,
     after: Callable[[int], None] = lambda _: None,
+    pause: float = PAUSE,
 ) -> dict[str, Any]:
     """Ask a running suite again and again, each time about another image.
 
@@ -176,6 +181,7 @@ def measure(
         start_timeout: How long the suite may take to start and compile [s].
         is_running: Tells whether the suite's processes run.
         after: Told how many answers that count have come.
+        pause: Between an answer and the next question in [s].
 
     Returns:
         As ``figures``.
@@ -190,7 +196,7 @@ def measure(
         first = _first_grasps(probe, deadline)
         answers = []
         for number in range(first + 1, first + 1 + requests):
-            time.sleep(PAUSE)
+            time.sleep(pause)
             answer = probe.ask(number)
             if answer is None:
                 raise NoAnswerError(f"no answer from detect_grasps in {2 * TIMEOUT} s")
@@ -208,7 +214,9 @@ def _first_grasps(probe: Probe, deadline: float) -> int:
     number, answer = 0, probe.ask(0)
     while answer is None or answer.code != DetectionReport.NONE:
         if time.monotonic() > deadline:
-            what = "no answer" if answer is None else f"code {answer.code}"
+            what = "no answer"
+            if answer is not None:
+                what = f"code {answer.code} {answer.message}"
             raise NoAnswerError(f"no grasps in the time to start; last: {what}")
         time.sleep(RETRY)
         number += 1

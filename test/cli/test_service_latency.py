@@ -66,7 +66,7 @@ def waiting(monkeypatch):
     """A probe that waits until the suite no longer runs; yields its start."""
     begun = threading.Event()
 
-    def measure(shots, requests, start_timeout, is_running, after):
+    def measure(shots, requests, start_timeout, is_running, after, pause):
         begun.set()
         deadline = time.monotonic() + 20
         while is_running():

@@ -17,7 +17,7 @@ def test_memory_is_read_after_a_tenth_of_the_answers_and_at_the_end(
 ):
     grown = [500.0]
 
-    def asked(commands, shots, requests, after):
+    def asked(commands, shots, requests, after, pause):
         assert len(commands) == 1 and shots == ["a scene"]
         for answers in range(1, requests + 1):
             grown[0] += 1.0

@@ -64,6 +64,7 @@ class Suite(Node):
             code = DetectionReport.TIMEOUT
         response.report.code = code or DetectionReport.NONE
         response.report.seconds_fusion = 0.25
+        response.report.message = "the robot is still loading"
         return response
 
 
@@ -86,7 +87,7 @@ def test_questions_before_the_first_grasps_may_be_lost_or_refused(spinner, impat
     codes = [None, DetectionReport.NOT_ACTIVE, NONE, NONE, TIMEOUT, NONE]
     suite, counted = spinner.add(Suite(codes)), []
     try:
-        found = measure([SHOT], 3, 60.0, after=counted.append)
+        found = measure([SHOT], 3, 60.0, after=counted.append, pause=0.1)
     finally:
         suite.over.set()
     assert counted == [1, 2, 3]
@@ -99,7 +100,7 @@ def test_questions_before_the_first_grasps_may_be_lost_or_refused(spinner, impat
 def test_without_grasps_in_time_the_last_code_is_told(spinner, impatient):
     spinner.add(Suite([DetectionReport.NOT_ACTIVE] * 1000))
     code = DetectionReport.NOT_ACTIVE
-    with pytest.raises(NoAnswerError, match=f"time to start; last: code {code}"):
+    with pytest.raises(NoAnswerError, match=f"start; last: code {code} the robot"):
         measure([SHOT], 1, 1.0)
 
 
