@@ -44,8 +44,3 @@ class SceneNotes:
         if self._path is not None:
             with self._path.open("a") as file:
                 file.write(json.dumps({"scene": scene, "figures": figures}) + "\n")
-
-    def remove(self) -> None:
-        """Delete the file: what came of it stands elsewhere."""
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)

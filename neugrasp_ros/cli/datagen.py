@@ -15,7 +15,8 @@ def add_parser(
     parser.add_argument("--out", required=True, help="folder of the shards")
     parser.add_argument(
         "--objects", default="procedural,random_urdfs", metavar="SET[,SET..]",
-        help="names or folders; pile:FOLDER serves scenes of that kind only",
+        help="names or folders; pile:FOLDER serves scenes of that kind only, "
+        "FOLDER@0.8 has only its objects of at least 0.8 kg",
     )  # fmt: skip
     parser.add_argument(
         "--kind", default="mixed", choices=("pile", "packed", "egad", "mixed")

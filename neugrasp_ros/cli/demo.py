@@ -4,7 +4,6 @@
 import argparse
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -12,7 +11,12 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from neugrasp_ros.cli.processes import PATIENCE, SIGNALS, stop_on_signals
+from neugrasp_ros.cli.processes import (
+    PATIENCE,
+    SIGNALS,
+    keep_to_this_machine,
+    stop_on_signals,
+)
 
 SUITE = (sys.executable, "-m", "neugrasp_ros.cli.main", "up", "--sim")
 STOP_TIMEOUT = PATIENCE * len(SIGNALS) + 5.0  # [s]; the suite has processes of its own
@@ -59,9 +63,7 @@ def run(args: argparse.Namespace) -> int:
     if not default_weights().is_file():
         print(f"there are no trained weights at {default_weights()} yet: no demo")
         return 1
-    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 101)))
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    domain = os.environ["ROS_DOMAIN_ID"]
+    domain = keep_to_this_machine()
     print(f"starting the suite (ROS_DOMAIN_ID {domain}) ...", flush=True)
     args.picture.parent.mkdir(parents=True, exist_ok=True)
     log_path = args.picture.with_suffix(".log")

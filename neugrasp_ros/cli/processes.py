@@ -2,6 +2,7 @@
 """Processes under supervision: prefixed output, forwarded signals, an exit code."""
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -22,6 +23,16 @@ class Command:
 
     name: str
     arguments: tuple[str, ...]
+
+
+def keep_to_this_machine() -> str:
+    """Choose a random domain on this machine, unless the environment says which.
+
+    Returns:
+        The domain.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    return os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 101)))
 
 
 def python_main(module: str, arguments: Sequence[str]) -> tuple[str, ...]:

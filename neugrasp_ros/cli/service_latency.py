@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much later than the library the service answers, composed and separate."""
 
-import os
-import random
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from subprocess import Popen
@@ -11,6 +9,7 @@ from typing import Any
 from neugrasp_ros.cli.processes import (
     Command,
     Supervisor,
+    keep_to_this_machine,
     python_main,
     stop_on_signals,
 )
@@ -49,12 +48,6 @@ def by_service(
         name: asked(suite_commands(config, separate), shots, requests)
         for name, separate in (("service_composed", False), ("service_separate", True))
     }
-
-
-def keep_to_this_machine() -> None:
-    """Choose a random domain, unless the environment says which."""
-    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 101)))
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
 def suite_commands(config: PlannerConfig, separate: bool) -> list[Command]:

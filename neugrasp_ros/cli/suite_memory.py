@@ -7,11 +7,8 @@ from subprocess import Popen
 from typing import Any
 
 from neugrasp_ros.benchmark.speed import peak_memory_mb, resident_mb
-from neugrasp_ros.cli.service_latency import (
-    asked,
-    keep_to_this_machine,
-    suite_commands,
-)
+from neugrasp_ros.cli.processes import keep_to_this_machine
+from neugrasp_ros.cli.service_latency import asked, suite_commands
 from neugrasp_ros.config import PlannerConfig
 
 EARLY = 10  # the memory is read first after this part of the detections

@@ -98,10 +98,10 @@ def quality_after_failures(
     """Return what is left of quality where grasps have failed.
 
     Why a grasp that looked good has failed is often the object's and cannot be seen,
-    as its mass: then the next one on the same object fails as well. Among the grasps
-    that the network chose for itself on training objects (``datagen --chosen``) 84 %
-    held, next to one that failed 66 %, next to two 39 %: after two failures no quality
-    is left that makes another attempt at the same place worth while.
+    as its mass: then the next one on the same object fails as well. Of the grasps that
+    the network chose for itself on training objects fewer than half held next to two
+    that had failed (see the model card): after two failures no quality is left that
+    makes another attempt at the same place worth while.
 
     Args:
         positions: TCPs in any frame in [m], shape (G, 3).

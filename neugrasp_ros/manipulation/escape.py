@@ -28,8 +28,8 @@ def plan_escape(
 ) -> Trajectory:
     """Plan the hand out of where it has no way, up or towards the robot.
 
-    Only known boxes count, and contact that the way leaves behind does not: the hand
-    may touch what was seen, and even the furniture.
+    Only known boxes count, not what was seen. Of these the hand may touch one where it
+    is now, as long as the way leaves it and meets no other.
 
     Args:
         mover: Plans.

@@ -44,18 +44,8 @@ def test_a_file_that_was_cut_off_in_its_first_line_is_begun_anew(tmp_path):
     assert SceneNotes(path, ABOUT).known == {2: 1.0}
 
 
-def test_removed_notes_leave_nothing(tmp_path):
-    path = tmp_path / "notes.jsonl"
-    notes = SceneNotes(path, ABOUT)
-    notes.keep(0, 1.0)
-    notes.remove()
-    assert not path.exists()
-    notes.remove()
-
-
 def test_without_a_file_scenes_are_kept_in_memory(tmp_path):
     notes = SceneNotes(None, ABOUT)
     notes.keep(0, 1.0)
     assert notes.known == {0: 1.0}
-    notes.remove()
     assert not list(tmp_path.iterdir())
