@@ -341,6 +341,7 @@ def test_a_planner_made_while_another_works_has_all_threads(weights, monkeypatch
     assert planner._threads == 3
 
 
+@pytest.mark.slow
 def test_the_reference_finds_the_same_surface_and_scores(weights, fresh):
     reference = planner_of(weights, renderer="reference")
     fast, slow = (p.encode(seen_volume(), revision=1) for p in (fresh, reference))

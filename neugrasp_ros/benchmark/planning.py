@@ -15,6 +15,7 @@ from neugrasp_ros.pipeline import EncodedScene, GraspPlanner
 
 FloatArray = NDArray[np.float64]
 
+CUBE = 0.3  # [m], edge of the network's cube
 MIN_QUALITY = 0.5  # below it a grasp is not worth trying (method sheet, a8)
 REPEAT_DISTANCE = 0.02  # [m], of the TCP, and
 REPEAT_ANGLE = 0.35  # [rad], of the approach: nearer is the grasp that failed before
@@ -22,9 +23,18 @@ REPEAT_ANGLE = 0.35  # [rad], of the approach: nearer is the grasp that failed b
 
 @dataclass
 class Planning:
-    """What the policies share: one planner per gripper, a volume, candidates."""
+    """What the policies share: one planner per gripper, a volume, candidates.
+
+    Attributes:
+        config: The planner's.
+        extra_voxels: How much longer than the network's cube the volume is along x
+            and y [voxel].
+        planner: The newest gripper's.
+        revision: Of the newest volume.
+    """
 
     config: PlannerConfig
+    extra_voxels: int = 0
     planner: GraspPlanner | None = None
     revision: int = 0
 
@@ -36,7 +46,9 @@ class Planning:
         planner.timings.clear()
         self.revision += 1
         view = look.view
-        volume = empty_volume(planner.resolution)
+        cube = planner.resolution
+        wide = cube + self.extra_voxels
+        volume = empty_volume((wide, wide, cube), CUBE * wide / cube)
         volume = integrate(volume, view.depth, view.intrinsics, view.T_task_camera)
         return planner, planner.encode(volume, self.revision)
 

@@ -9,20 +9,31 @@ import numpy as np
 from neugrasp_ros.benchmark.oracles import ORACLES, oracle_policy
 from neugrasp_ros.benchmark.planning import Planning, answer, worth_trying
 from neugrasp_ros.benchmark.protocol import Look, Plan, Policy
+from neugrasp_ros.benchmark.seams import EXTRA_VOXELS, moved_back, moved_look
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.errors import UnknownNameError
 from neugrasp_ros.geometry.gripper import load_gripper
 
 
-def neugrasp_policy(config: PlannerConfig) -> Policy:
+def neugrasp_policy(config: PlannerConfig, extra_voxels: int = 0) -> Policy:
     """Return the policy that ranks by predicted quality and refuses poor grasps."""
-    planning = Planning(config)
+    planning = Planning(config, extra_voxels)
 
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, scene, grasps = planning.candidates(look, rng)
         scored = planner.evaluate(scene, grasps, support_height=look.table_height)
         good = worth_trying(scored, look.failed)
         return answer(good, planner, scene, grasps)
+
+    return choose
+
+
+def seams_policy(config: PlannerConfig) -> Policy:
+    """Return the network's policy with the scene where four cubes meet."""
+    policy = neugrasp_policy(config, EXTRA_VOXELS)
+
+    def choose(look: Look, rng: np.random.Generator) -> Plan:
+        return moved_back(policy(moved_look(look), rng))
 
     return choose
 
@@ -73,6 +84,7 @@ def make_policy(name: str, config: PlannerConfig) -> Policy:
     """
     makers: dict[str, Callable[[PlannerConfig], Policy]] = {
         "neugrasp": neugrasp_policy,
+        "seams": seams_policy,
         "random": random_policy,
         "geometry": geometry_policy,
         "scored": scored_policy,

@@ -147,4 +147,5 @@ class LatestWorker(Generic[Item]):
         except NeuGraspError as error:
             self._node.get_logger().warning(str(error), throttle_duration_sec=5.0)
         except Exception:  # noqa: BLE001 (a bug must not end the node)
-            log_bug(self._node)
+            if not self._closed:  # else what it publishes with may be gone already
+                log_bug(self._node)

@@ -161,6 +161,7 @@ def test_a_quiet_round_has_no_mishap(robot):
     assert mishap.limits["samples"] == 0
 
 
+@pytest.mark.slow
 def test_jaws_that_close_on_nothing_do_not_press_on_the_table(tiago, robot):
     robot.spawn("table", 1, 0)
     low = np.diag([1.0, -1.0, -1.0, 1.0])

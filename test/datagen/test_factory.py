@@ -85,6 +85,7 @@ def test_a_full_disk_stops_with_what_to_do(tmp_path, monkeypatch):
     assert [labels.index for labels in load_shards(tmp_path)] == [0]
 
 
+@pytest.mark.slow
 def test_a_killed_run_has_written_every_scene_that_it_reported(tmp_path):
     script = (
         "import os, sys; from label_work import label_or_fail;"

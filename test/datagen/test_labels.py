@@ -82,6 +82,7 @@ def test_without_physics_the_same_grasps_get_what_geometry_tells(labelled):
     np.testing.assert_array_equal(waiting, labelled.grasps.tried)
 
 
+@pytest.mark.slow
 def test_the_job_alone_determines_the_labels(labelled):
     again = label()
     for name in GRASP_FIELDS:
@@ -111,6 +112,7 @@ def test_a_varied_gripper_is_another_one_in_every_scene():
     assert one.max_opening != other.max_opening
 
 
+@pytest.mark.slow
 def test_grasps_on_parts_of_labelled_things_say_what_they_afford():
     job = dataclasses.replace(JOB, objects="affordance", index=0)
     scene = label_scene(job)

@@ -20,6 +20,7 @@ with process_pool(2) as pool:
 """
 
 
+@pytest.mark.slow
 def test_a_dead_process_loses_only_its_job():
     outcomes = {o.job: o for o in run_local(square_or_die, range(6), 2)}
     assert {job: o.result for job, o in outcomes.items() if not o.error} == {

@@ -121,3 +121,29 @@ def test_the_worker_outlives_errors_and_keeps_its_period():
     worker.close()
     assert log.lines == ["nothing in a", "nothing in b"]
     assert times[1] - times[0] >= 0.19
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_what_fails_after_the_end_is_not_reported_as_a_bug(closed):
+    log, started, go = Log(), threading.Event(), threading.Event()
+
+    def work(_):
+        started.set()
+        go.wait(5.0)
+        raise ZeroDivisionError
+
+    worker = LatestWorker(log, work)
+    worker.put(1)
+    assert started.wait(5.0)
+    closing = threading.Thread(target=worker.close)
+    if closed:
+        closing.start()
+        time.sleep(0.05)
+    go.set()
+    if not closed:
+        deadline = time.monotonic() + 5
+        while not log.lines and time.monotonic() < deadline:
+            time.sleep(0.005)
+        closing.start()
+    closing.join()
+    assert len(log.lines) == (0 if closed else 1)

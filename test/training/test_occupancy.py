@@ -135,6 +135,7 @@ def test_a_tiny_network_overfits_four_scenes(folder, tmp_path):
     assert after > 0.7
 
 
+@pytest.mark.slow
 def test_resuming_draws_the_same_batches(folder, tmp_path):
     """Two runs to step 6: at once, and stopped after 3."""
     runs = []

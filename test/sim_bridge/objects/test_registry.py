@@ -115,6 +115,7 @@ def test_affordance_set_of_some_categories_keeps_its_name_and_only_these():
         object_set("affordance/fork")
 
 
+@pytest.mark.slow
 def test_a_mass_leaves_the_heavier_objects_of_a_set():
     whole, heavy = object_set("procedural"), object_set("procedural@0.3")
     assert heavy.name == whole.name
