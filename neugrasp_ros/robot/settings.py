@@ -52,10 +52,10 @@ class ReachabilityConfig(Checked):
         0.12, "Scene around the TCP that travels with the hand in a lift [m]", 0.0, 0.5
     )
     first_starts: int = option(
-        2, "Starts of inverse kinematics tried on every grasp, arm and side", 1, 1024
+        1, "Starts of inverse kinematics tried on every grasp, arm and side", 1, 1024
     )
     most_starts: int = option(
-        3, "Starts in all where those find no solution for a grasp", 1, 1024
+        2, "Starts in all where those find no solution for a grasp", 1, 1024
     )
     retries: int = option(
         5, "Other solutions tried when one fails in collision or on its path", 0, 1024

@@ -131,9 +131,9 @@ def try_way(problem, line, q, way, place):  # type: ignore[no-untyped-def]
     here = _contact_on(problem, q.reshape(1, q.shape[0]), way.full, held, place)
     if here != FREE:
         return here, BROKEN
-    if not _follow_line(problem, line.target, line.behind, q, way.retreat, way):
-        return here, BROKEN
     if not _follow_line(problem, line.target, line.above, q, way.lift, way):
+        return here, BROKEN
+    if not _follow_line(problem, line.target, line.behind, q, way.retreat, way):
         return here, BROKEN
     code = _contact_on(problem, way.retreat, way.full, held, place)
     if code == FREE:
