@@ -10,7 +10,7 @@ from neugrasp_ros.benchmark.robot_detection import Detector, Found
 from neugrasp_ros.benchmark.robot_hardware import SimulatedRobot
 from neugrasp_ros.benchmark.robot_round import KINDS, OBJECTS
 
-ORDERS = {"first": True, "last": False}
+ORDERS = ("last", "first")
 
 
 def compare_orders(
@@ -24,12 +24,14 @@ def compare_orders(
 ) -> dict[str, Any]:
     """Detect in each scene with both orders and every budget.
 
+    Last has a budget for the scores, and its check comes on top of it. First gets as
+    much as that took in all.
+
     Args:
         robot: The robot and its world.
         detector: Finds grasps.
         scenes: How many, of all furniture in turn.
-        budgets: Seconds for scoring, and for the check where it comes first; 0 = no
-            budget.
+        budgets: Seconds for scoring where the check comes last; 0 = no budget.
         seed: Of scenes, stances and sampler.
         say: Told of every scene.
 
@@ -43,7 +45,9 @@ def compare_orders(
         scene, around = robot.look(), robot.surroundings()
         q = robot.configuration()
         for number, budget in enumerate(budgets):
-            for order, reach_first in ORDERS.items():
+            allowed = budget
+            for order in ORDERS:
+                reach_first = order == "first"
                 # another revision: what one order scored must not help the other
                 revision = 2 * (index * len(budgets) + number) + reach_first
                 found = detector.find(
@@ -52,9 +56,10 @@ def compare_orders(
                     q,
                     seed=seed + index,
                     reach_first=reach_first,
-                    budget=budget,
+                    budget=allowed,
                 )
                 rows.append(_row(index, budget, order, found))
+                allowed = _spent(found.seconds) if budget else 0.0
         say(
             f"scene {index}: {[row['grasps'] for row in rows if row['scene'] == index]}"
         )

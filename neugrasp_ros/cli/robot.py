@@ -33,7 +33,13 @@ def add_parser(
     add = order.add_argument
     add("--scenes", type=int, default=12)
     add("--candidates", type=int, default=1000, help="proposed per scene at most")
-    add("--budgets", type=float, nargs="+", default=[0.2, 0.4, 0.8], metavar="SECONDS")
+    add(
+        "--budgets",
+        type=float,
+        nargs="+",
+        default=[0.05, 0.1, 0.2, 0.0],
+        metavar="SECONDS",
+    )
     add("--seed", type=int, default=100)
     add("--json", type=Path, help="where the figures go")
     order.set_defaults(run=run_order)
