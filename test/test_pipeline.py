@@ -94,6 +94,15 @@ def test_a_revision_is_encoded_once(fresh):
     assert fresh.encoder_passes == 2
 
 
+def test_a_volume_that_came_as_a_message_is_not_encoded_again(fresh):
+    volume = seen_volume()
+    rounded = replace(volume, voxel_size=float(np.float32(volume.voxel_size)))
+    assert rounded.voxel_size != volume.voxel_size
+    assert fresh.encode(rounded, revision=5) is fresh.encode(volume, revision=5)
+    other = replace(volume, voxel_size=volume.voxel_size * 1.001)
+    assert fresh.encode(other, revision=5) is not fresh.encode(volume, revision=5)
+
+
 def test_another_volume_under_an_old_number_is_not_taken_for_the_old_one(fresh):
     first = fresh.encode(seen_volume(), revision=5)
     second = fresh.encode(seen_volume(floor=24), revision=5)

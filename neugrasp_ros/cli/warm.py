@@ -16,9 +16,13 @@ def add_parser(
 
 
 def run(_: argparse.Namespace) -> int:
-    """Load planner and robot and try each once; 0 without weights, too."""
+    """Try fusion, planner and robot once each; 0 without weights, too."""
+    import numpy as np
+
     from neugrasp_ros.config import PlannerConfig
     from neugrasp_ros.errors import CheckpointError
+    from neugrasp_ros.fusion.tsdf import empty_volume, integrate, seen_surface
+    from neugrasp_ros.geometry.camera import Intrinsics
     from neugrasp_ros.manipulation.mover import ArmMover
     from neugrasp_ros.manipulation.warm_up import try_once
     from neugrasp_ros.nodes.planners import load_planner
@@ -27,11 +31,17 @@ def run(_: argparse.Namespace) -> int:
     from neugrasp_ros.robot.model import load_robot
     from neugrasp_ros.robot.reachability import ReachabilityChecker
 
+    def fuse() -> None:
+        camera = Intrinsics(4, 4, 4.0, 4.0, 2.0, 2.0)
+        depth = np.full((4, 4), 0.1, dtype=np.float32)
+        seen_surface(integrate(empty_volume(), depth, camera, np.eye(4)))
+
     def move() -> None:
         robot = load_robot(ReachConfig().robot)
         try_once(ArmMover(ReachabilityChecker(robot)))
 
     for name, load in (
+        ("fusion", fuse),
         ("planner", lambda: load_planner(PlannerConfig())),
         ("robot", lambda: RobotChecker(ReachConfig())),
         ("motion", move),

@@ -199,22 +199,73 @@ def seen_surface(volume: TsdfVolume) -> tuple[FloatArray, FloatArray]:
     """
     if volume.view_count == 0:
         raise EmptySceneError("no depth image was integrated into the volume")
-    grid = volume.distances
-    filled = np.where(np.isfinite(grid), grid, np.float32(-1.0))
-    gradient = np.stack([np.gradient(filled, axis=axis) for axis in range(3)], axis=-1)
-    points, normals = [], []
+    near = np.count_nonzero(np.abs(volume.distances) < 1)
+    points, normals = _seen_surface(volume.distances, near)
+    return points * volume.voxel_size, normals
+
+
+@njit(cache=True, nogil=True)
+def _seen_surface(grid, near):  # pragma: no cover - compiled
+    """Return the crossings in [voxel] and the unit gradients there."""
+    found = np.empty((3, near, 3), dtype=np.int32)
+    counts = np.zeros(3, dtype=np.int64)
+    nx, ny, nz = grid.shape
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                low = grid[i, j, k]
+                if not abs(low) < 1:
+                    continue
+                for axis in range(3):
+                    a, b, c = i + (axis == 0), j + (axis == 1), k + (axis == 2)
+                    if a == nx or b == ny or c == nz:
+                        continue
+                    high = grid[a, b, c]
+                    if abs(high) < 1 and low * high <= 0:
+                        row = found[axis, counts[axis]]
+                        row[0], row[1], row[2] = i, j, k
+                        counts[axis] += 1
+    points, normals = np.empty((counts.sum(), 3)), np.empty((counts.sum(), 3))
+    count = 0
     for axis in range(3):
-        low = np.moveaxis(grid, axis, 0)[:-1]
-        high = np.moveaxis(grid, axis, 0)[1:]
-        crossing = (low * high <= 0) & (np.abs(low) < 1) & (np.abs(high) < 1)
-        index = np.argwhere(np.moveaxis(crossing, 0, axis))
-        step = np.eye(3, dtype=int)[axis]
-        a = grid[tuple(index.T)]
-        b = grid[tuple((index + step).T)]
-        t = np.where(a == b, 0.5, a / np.where(a == b, 1, a - b))
-        points.append((index + 0.5 + t[:, None] * step) * volume.voxel_size)
-        normals.append(gradient[tuple(index.T)] + gradient[tuple((index + step).T)])
-    stacked = np.concatenate(normals).astype(np.float64)
-    length = np.linalg.norm(stacked, axis=1)
-    keep = length > 1e-6
-    return np.concatenate(points)[keep], stacked[keep] / length[keep, None]
+        for n in range(counts[axis]):
+            i, j, k = found[axis, n]
+            point, normal = points[count], normals[count]
+            count += _crossing(grid, i, j, k, axis, point, normal)
+    return points[:count], normals[:count]
+
+
+@njit(cache=True, nogil=True)
+def _crossing(grid, i, j, k, axis, point, normal):  # pragma: no cover - compiled
+    """Write down the crossing behind a voxel; False where it faces nowhere."""
+    a, b, c = i + (axis == 0), j + (axis == 1), k + (axis == 2)
+    low, high = grid[i, j, k], grid[a, b, c]
+    x0, y0, z0 = _gradient(grid, i, j, k)
+    x1, y1, z1 = _gradient(grid, a, b, c)
+    x, y, z = x0 + x1, y0 + y1, z0 + z1
+    length = np.sqrt(x * x + y * y + z * z)
+    if not length > 1e-6:
+        return False
+    normal[0], normal[1], normal[2] = x / length, y / length, z / length
+    point[0], point[1], point[2] = i + 0.5, j + 0.5, k + 0.5
+    point[axis] += 0.5 if low == high else low / (low - high)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _gradient(grid, i, j, k):  # pragma: no cover - compiled
+    """Return the differences across a voxel along x, y and z."""
+    nx, ny, nz = grid.shape
+    i0, i1 = max(i - 1, 0), min(i + 1, nx - 1)
+    j0, j1 = max(j - 1, 0), min(j + 1, ny - 1)
+    k0, k1 = max(k - 1, 0), min(k + 1, nz - 1)
+    x = (_inside(grid[i1, j, k]) - _inside(grid[i0, j, k])) / max(i1 - i0, 1)
+    y = (_inside(grid[i, j1, k]) - _inside(grid[i, j0, k])) / max(j1 - j0, 1)
+    z = (_inside(grid[i, j, k1]) - _inside(grid[i, j, k0])) / max(k1 - k0, 1)
+    return x, y, z
+
+
+@njit(cache=True, nogil=True)
+def _inside(value):  # pragma: no cover - compiled
+    """Return a distance; what was never seen counts as inside."""
+    return value if np.isfinite(value) else np.float32(-1)

@@ -18,7 +18,7 @@ from neugrasp_ros.nodes.local_stages import LocalStages
 from neugrasp_ros.nodes.planners import MakePlanner, OnePlanner, load_planner
 from neugrasp_ros.nodes.reach_stage import MakeChecker, load_checker
 from neugrasp_ros.nodes.reachability_filter import ReachabilityFilterNode
-from neugrasp_ros.nodes.runtime import START_ERROR, run
+from neugrasp_ros.nodes.runtime import START_ERROR, run, spare_what_is_loaded
 from neugrasp_ros.nodes.scene_renderer import SceneRendererNode
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.tsdf_fusion import TsdfFusionNode
@@ -104,6 +104,7 @@ def main(args: list[str] | None = None) -> int:
                 failed.append(error)
                 executor.context.try_shutdown()
                 return
+            spare_what_is_loaded()
             seconds = time.monotonic() - begin
             get_logger(NAME).info(f"all nodes are ready after {seconds:.1f} s")
 

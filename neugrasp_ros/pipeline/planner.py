@@ -36,6 +36,7 @@ FloatArray = NDArray[np.float64]
 Box = tuple[FloatArray, FloatArray]
 
 DEFAULT_SUPPORT_HEIGHT = 0.05  # [m], where the cube's support plane is put
+ROUNDING = 1e-6  # share of a voxel's edge by which copies of a volume may differ
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,6 +390,7 @@ def use_threads(count: int) -> None:
 
 
 def _equal(a: TsdfVolume, b: TsdfVolume) -> bool:
-    return a.voxel_size == b.voxel_size and bool(
+    """Compare volumes; a message rounds the voxel size to single precision."""
+    return abs(a.voxel_size - b.voxel_size) <= ROUNDING * a.voxel_size and bool(
         np.array_equal(a.distances, b.distances, equal_nan=True)
     )

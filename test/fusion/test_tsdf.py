@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,6 +77,13 @@ def test_the_surface_of_a_plane_is_read_back():
     assert np.abs(points[:, 2] - 0.1).max() < 1e-4
     assert normals[:, 2].min() > 0.97
     assert len(np.unique(np.floor(points[:, :2] / VOXEL), axis=0)) > 0.9 * SIZE**2
+
+
+def test_a_volume_that_is_seen_to_be_free_has_no_surface():
+    free = np.ones((SIZE,) * 3, dtype=np.float32)
+    volume = replace(empty_volume(SIZE), distances=free, view_count=1)
+    points, normals = seen_surface(volume)
+    assert points.shape == normals.shape == (0, 3)
 
 
 def test_the_surface_of_a_sphere_seen_all_round_is_read_back():

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import gc
 import os
 import signal
 import subprocess
@@ -11,7 +12,12 @@ import pytest
 pytest.importorskip("rclpy")
 
 from neugrasp_ros.nodes import runtime  # noqa: E402
-from neugrasp_ros.nodes.runtime import NO_TUNING, PROFILE_VARIABLES, prepare  # noqa: E402
+from neugrasp_ros.nodes.runtime import (  # noqa: E402
+    NO_TUNING,
+    PROFILE_VARIABLES,
+    prepare,
+    spare_what_is_loaded,
+)
 
 TALKER = Path(__file__).with_name("node_that_talks.py")
 LARGEST_IMAGE = 640 * 480 * 4  # bytes of a depth image
@@ -60,6 +66,15 @@ def test_it_can_be_turned_off(monkeypatch):
 def test_ament_finds_the_environment():
     prepare()
     assert os.environ["AMENT_PREFIX_PATH"] == sys.prefix
+
+
+def test_what_is_loaded_is_never_looked_at_by_the_garbage_collector_again():
+    before = gc.get_freeze_count()
+    spare_what_is_loaded()
+    try:
+        assert gc.get_freeze_count() > before and len(gc.get_objects()) < 1000
+    finally:
+        gc.unfreeze()
 
 
 def test_library_logs_go_to_ros_once():
