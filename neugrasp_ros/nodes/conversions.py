@@ -113,30 +113,55 @@ def to_grasp_array(grasps: GraspList) -> GraspArray:
     )
     array.header.frame_id = info.frame_id
     array.header.stamp = to_stamp(info.stamp)
-    poses = to_poses(to_axes(grasps.grasps.poses, info.axes))
-    reach = grasps.reach or Reach.unknown(len(grasps))
-    for row, pose in enumerate(poses):
-        array.grasps.append(_to_grasp(grasps, reach, row, pose))
+    array.grasps = _to_grasps(grasps, to_axes(grasps.grasps.poses, info.axes))
     return array
 
 
-def _to_grasp(grasps: GraspList, reach: Reach, row: int, pose: Pose) -> Grasp:
-    values = grasps.grasps
-    contacts = grasps.contacts[row] if np.isfinite(grasps.contacts[row]).all() else NONE
-    return Grasp(
-        id=values.ids[row],
-        pose=pose,
-        width=float(values.widths[row]),
-        quality=float(values.quality[row]),
-        affordance=float(grasps.affordance[row]),
-        affordance_scores=values.affordances[row].tolist(),
-        object_id=int(values.object_ids[row]),
-        contacts=[Point(x=p[0], y=p[1], z=p[2]) for p in contacts.tolist()],
-        reachability=int(reach.codes[row]),
-        arm=reach.arms[row],
-        manipulability=float(reach.manipulability[row]),
-        joint_positions=reach.joints[row].tolist(),
-    )
+def _to_grasps(grasps: GraspList, poses: FloatArray) -> list[Grasp]:
+    """Return messages, filled field by field: their constructors would cost double."""
+    values, reach = grasps.grasps, grasps.reach or Reach.unknown(len(grasps))
+    if not len(grasps):
+        return []
+    positions, quaternions = to_position_quaternion(poses)
+    known = list(np.isfinite(grasps.contacts).all(axis=(1, 2)))
+    items = [Grasp() for _ in known]
+    for item, identity, arm, joints in zip(
+        items, values.ids, reach.arms, reach.joints, strict=True
+    ):
+        item.id, item.arm, item.joint_positions = identity, arm, joints.tolist()
+    for item, width, quality, affordance, scores, object_id in zip(
+        items,
+        values.widths.tolist(),
+        values.quality.tolist(),
+        grasps.affordance.tolist(),
+        values.affordances.tolist(),
+        values.object_ids.tolist(),
+        strict=True,
+    ):
+        item.width, item.quality, item.affordance = width, quality, affordance
+        item.affordance_scores, item.object_id = scores, object_id
+    for item, code, manipulability in zip(
+        items, reach.codes.tolist(), reach.manipulability.tolist(), strict=True
+    ):
+        item.reachability, item.manipulability = code, manipulability
+    for item, xyz, xyzw, points, is_known in zip(
+        items,
+        positions.tolist(),
+        quaternions.tolist(),
+        grasps.contacts.tolist(),
+        known,
+        strict=True,
+    ):
+        _fill_pose(item.pose, xyz, xyzw)
+        if is_known:
+            item.contacts = [Point(x=x, y=y, z=z) for x, y, z in points]
+    return items
+
+
+def _fill_pose(pose: Pose, xyz: list[float], xyzw: list[float]) -> None:
+    p, q = pose.position, pose.orientation
+    p.x, p.y, p.z = xyz
+    q.x, q.y, q.z, q.w = xyzw
 
 
 def from_grasp_array(array: GraspArray) -> GraspList:

@@ -2,9 +2,10 @@
 """One detection from request to report, the same for service and action."""
 
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from neugrasp_ros.errors import NeuGraspError
 from neugrasp_ros.grasp.queries import parse_query
 from neugrasp_ros.nodes.conversions import to_pose, to_stamp
-from neugrasp_ros.nodes.grasp_list import GraspList, Reach
+from neugrasp_ros.nodes.grasp_list import GraspList, Reach, joined
 from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
 from neugrasp_ros.nodes.pace import Pace
 from neugrasp_ros.nodes.planner_stages import Box, Staged, in_box
@@ -27,6 +28,7 @@ from neugrasp_ros.nodes.settings import ServerConfig
 FloatArray = NDArray[np.float64]
 
 NEWEST = 0  # a stamp that means the newest transforms
+AHEAD = 2  # batches on their way: messages travel while another one is scored
 HINT_TIME = 3.0  # [s] that must be left to look for a place for the base
 PROGRESS = {
     "fusion": 0.05,
@@ -68,8 +70,10 @@ class Stages(Protocol):
     ) -> Staged:
         """Propose candidates."""
 
-    def evaluate(self, grasps: GraspList, view: SceneView, deadline: float) -> Staged:
-        """Score candidates."""
+    def begin_scores(
+        self, grasps: GraspList, view: SceneView, deadline: float
+    ) -> Callable[[], Staged]:
+        """Ask for candidates' scores; what is returned waits for them."""
 
     def check(
         self, grasps: GraspList, arms: tuple[str, ...], deadline: float
@@ -255,21 +259,27 @@ class Detection:
 
     def _score(self, grasps: GraspList, view: SceneView) -> GraspList:
         """Score batch by batch, so that cancel and budget are seen in time."""
-        report, budget = self._outcome.report, self._wanted.budget
+        budget = self._wanted.budget
         pace = Pace(self._start + budget if budget else None)
+        ahead = 1 if budget else AHEAD
+        begun: deque[Callable[[], Staged]] = deque()
         done: list[GraspList] = []
         start = 0
-        while start < len(grasps):
-            self._step("quality")
-            count = pace.next(len(grasps) - start)
-            if not count:
-                report.budget_spent = True
+        while True:
+            while len(begun) < ahead and start < len(grasps):
+                count = pace.next(len(grasps) - start)
+                if not count:
+                    break
+                some = grasps.take(np.arange(start, start + count))
+                begun.append(self._stages.begin_scores(some, view, self._deadline))
+                start += count
+            if not begun:
                 break
-            rows = np.arange(start, start + count)
-            staged = self._stages.evaluate(grasps.take(rows), view, self._deadline)
+            self._step("quality")
+            staged = begun.popleft()()
             self._note(staged.seconds)
             done.append(staged.grasps)
-            start += count
+        self._outcome.report.budget_spent = start < len(grasps)
         return joined(done)
 
     def _above(self, scored: GraspList) -> GraspList:
@@ -348,37 +358,4 @@ def reasons(codes: NDArray[np.uint8]) -> str:
     return ", ".join(
         f"{count} {names.get(int(value), value)}"
         for value, count in zip(values, counts, strict=True)
-    )
-
-
-def joined(parts: list[GraspList]) -> GraspList:
-    """Return lists of the same scene as one list."""
-    if len(parts) == 1:
-        return parts[0]
-    sets = [part.grasps for part in parts]
-    grasps = replace(
-        sets[0],
-        poses=np.concatenate([s.poses for s in sets]),
-        widths=np.concatenate([s.widths for s in sets]),
-        quality=np.concatenate([s.quality for s in sets]),
-        affordances=np.concatenate([s.affordances for s in sets]),
-        object_ids=np.concatenate([s.object_ids for s in sets]),
-        ids=tuple(i for s in sets for i in s.ids),
-    )
-    reach = None
-    if parts[0].reach is not None:
-        reaches = [part.reach for part in parts if part.reach is not None]
-        reach = replace(
-            reaches[0],
-            codes=np.concatenate([r.codes for r in reaches]),
-            arms=tuple(a for r in reaches for a in r.arms),
-            manipulability=np.concatenate([r.manipulability for r in reaches]),
-            joints=tuple(j for r in reaches for j in r.joints),
-        )
-    return replace(
-        parts[0],
-        grasps=grasps,
-        affordance=np.concatenate([part.affordance for part in parts]),
-        contacts=np.concatenate([part.contacts for part in parts]),
-        reach=reach,
     )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from neugrasp_msgs.msg import GraspArray, GraspCandidates, TsdfVolume
 from neugrasp_msgs.srv import EvaluateGrasps, ListAffordances
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -20,6 +21,7 @@ from neugrasp_ros.nodes.conversions import (
     from_tsdf,
     to_grasp_array,
 )
+from neugrasp_ros.nodes.grasp_list import joined
 from neugrasp_ros.nodes.params import declare_config
 from neugrasp_ros.nodes.planner_stages import EvaluatorStage
 from neugrasp_ros.nodes.planners import MakePlanner, load_planner
@@ -32,10 +34,12 @@ from neugrasp_ros.nodes.selection import (
     with_query,
 )
 from neugrasp_ros.nodes.settings import EvaluatorConfig
+from neugrasp_ros.nodes.shared_planner import PATIENCE
 from neugrasp_ros.nodes.work import LatestWorker, answer, shielded, to_timings
 
 NAME = "grasp_evaluator"
 VOLUME_WAIT = 2.0  # [s] that candidates wait for their volume
+STREAM_BATCH = 64  # candidates for which a request has to wait at most
 
 
 class GraspEvaluatorNode(Node):
@@ -87,9 +91,13 @@ class GraspEvaluatorNode(Node):
     def _stream(self, candidates: GraspArray) -> None:
         """Publish the distinct candidates that are good enough, best first."""
         config, grasps = self._config.current, from_grasp_array(candidates)
-        self.stage.let_requests_go_first()
         view = self.stage.view_of(grasps, time.monotonic() + VOLUME_WAIT)
-        scored = self.stage.evaluate(grasps, view).grasps
+        patient_until, parts = time.monotonic() + PATIENCE, []
+        for start in range(0, max(len(grasps), 1), STREAM_BATCH):
+            rows = np.arange(start, min(start + STREAM_BATCH, len(grasps)))
+            self.stage.let_requests_go_first(patient_until)
+            parts.append(self.stage.evaluate(grasps.take(rows), view).grasps)
+        scored = joined(parts)
         good = scored.take(scored.grasps.quality >= config.min_quality)
         best = ranked(good, config)
         self._scored.publish(to_grasp_array(best))
@@ -101,6 +109,8 @@ class GraspEvaluatorNode(Node):
             grasps = from_grasp_array(request.candidates.candidates)
             query = parse_query(request.affordance, self.stage.labels)
             view = self.stage.view_of(grasps, time.monotonic() + VOLUME_WAIT)
+            if not len(grasps):  # somebody will ask about this volume soon
+                self.stage.prepare(view)
             staged = self.stage.evaluate(grasps, view)
             scored = with_query(staged.grasps, query)
             order = rank_scores(scored, self._config.current).argsort()[::-1]
@@ -108,7 +118,8 @@ class GraspEvaluatorNode(Node):
             response.grasps = to_grasp_array(replace(scored.take(order), info=info))
             response.message = to_timings(staged.seconds)
 
-        return answer(self, response, work)
+        with self.stage.request():
+            return answer(self, response, work)
 
     def _on_list(
         self, _: ListAffordances.Request, response: ListAffordances.Response

@@ -135,3 +135,36 @@ class GraspList:
             grasps=replace(self.grasps, poses=T_new_old @ self.grasps.poses),
             contacts=apply(T_new_old, self.contacts),
         )
+
+
+def joined(parts: list[GraspList]) -> GraspList:
+    """Return lists of the same scene as one list."""
+    if len(parts) == 1:
+        return parts[0]
+    sets = [part.grasps for part in parts]
+    grasps = replace(
+        sets[0],
+        poses=np.concatenate([s.poses for s in sets]),
+        widths=np.concatenate([s.widths for s in sets]),
+        quality=np.concatenate([s.quality for s in sets]),
+        affordances=np.concatenate([s.affordances for s in sets]),
+        object_ids=np.concatenate([s.object_ids for s in sets]),
+        ids=tuple(i for s in sets for i in s.ids),
+    )
+    reach = None
+    if parts[0].reach is not None:
+        reaches = [part.reach for part in parts if part.reach is not None]
+        reach = replace(
+            reaches[0],
+            codes=np.concatenate([r.codes for r in reaches]),
+            arms=tuple(a for r in reaches for a in r.arms),
+            manipulability=np.concatenate([r.manipulability for r in reaches]),
+            joints=tuple(j for r in reaches for j in r.joints),
+        )
+    return replace(
+        parts[0],
+        grasps=grasps,
+        affordance=np.concatenate([part.affordance for part in parts]),
+        contacts=np.concatenate([part.contacts for part in parts]),
+        reach=reach,
+    )

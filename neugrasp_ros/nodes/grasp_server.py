@@ -31,10 +31,11 @@ from neugrasp_ros.nodes.selection import describe
 from neugrasp_ros.nodes.settings import ServerConfig
 from neugrasp_ros.nodes.target_mask import Camera
 from neugrasp_ros.nodes.transforms import Transforms
-from neugrasp_ros.nodes.work import log_bug, shielded
+from neugrasp_ros.nodes.work import LatestWorker, log_bug, shielded
 
 NAME = "grasp_server"
 LIST_TIME = 5.0  # [s]
+REPLY_FIRST = 0.02  # [s] that listeners wait, by when the answer has been sent
 
 
 class GraspServerNode(Node):
@@ -55,6 +56,7 @@ class GraspServerNode(Node):
         self._no_camera = ""  # why the camera info that came is of no use
         self._executed = 0  # when a grasp was last executed [ns]
         self._answered = self.create_publisher(GraspArray, "grasps/answered", newest())
+        self._listeners = LatestWorker(self, self._tell)
         group = ReentrantCallbackGroup()
         self.create_subscription(
             GraspArray,
@@ -105,11 +107,21 @@ class GraspServerNode(Node):
         self, request: DetectGrasps.Request, response: DetectGrasps.Response
     ) -> DetectGrasps.Response:
         outcome = self.detect(request, Progress())
-        response.report = outcome.report
         response.success = outcome.report.code == Code.NONE
-        if outcome.grasps is not None:
-            response.grasps = to_grasp_array(outcome.grasps)
+        self._fill(response, outcome)
         return response
+
+    def _fill(self, answer: Any, outcome: Outcome) -> None:
+        """Put an outcome into an answer, which goes out before listeners hear of it."""
+        answer.report = outcome.report
+        if outcome.grasps is not None:
+            answer.grasps = to_grasp_array(outcome.grasps)
+            if outcome.report.code == Code.NONE:
+                self._listeners.put(answer.grasps)
+
+    def _tell(self, grasps: GraspArray) -> None:
+        time.sleep(REPLY_FIRST)
+        self._answered.publish(grasps)
 
     def _on_goal(self, _: Any) -> GoalResponse:
         policy = self._config.current.goal_policy
@@ -130,9 +142,8 @@ class GraspServerNode(Node):
 
         progress = Progress(lambda: goal.is_cancel_requested, report)
         outcome = self.detect(goal.request, progress)
-        result = DetectAction.Result(report=outcome.report)
-        if outcome.grasps is not None:
-            result.grasps = to_grasp_array(outcome.grasps)
+        result = DetectAction.Result()
+        self._fill(result, outcome)
         if goal.is_cancel_requested:
             goal.canceled()
         elif outcome.report.code == Code.NONE:
@@ -164,7 +175,6 @@ class GraspServerNode(Node):
                 outcome = detection.run()
                 if outcome.report.views and self._executed == newer_than:
                     self._executed = 0  # seen since; no later request need wait
-                self._publish(outcome)
             finally:
                 self._turn.release()
         except NeuGraspError as error:
@@ -178,10 +188,6 @@ class GraspServerNode(Node):
         outcome.report.seconds_total = time.monotonic() - start
         self._log(outcome)
         return outcome
-
-    def _publish(self, outcome: Outcome) -> None:
-        if outcome.grasps is not None and outcome.report.code == Code.NONE:
-            self._answered.publish(to_grasp_array(outcome.grasps))
 
     def _log(self, outcome: Outcome) -> None:
         report = outcome.report
@@ -209,8 +215,9 @@ class GraspServerNode(Node):
         return response
 
     def destroy_node(self) -> None:
-        """End the action server, then the node."""
+        """End the action server and the worker, then the node."""
         self._action.destroy()
+        self._listeners.close()
         super().destroy_node()
 
 

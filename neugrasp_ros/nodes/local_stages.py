@@ -2,7 +2,9 @@
 """The pipeline of one process: stages are called, nothing is serialised."""
 
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -91,9 +93,11 @@ class LocalStages(Stages):
             view, roi, wanted.max_candidates, wanted.seed
         )
 
-    def evaluate(self, grasps: GraspList, view: SceneView, deadline: float) -> Staged:
-        """Score candidates."""
-        return loaded(self.evaluator).evaluate(grasps, view)
+    def begin_scores(
+        self, grasps: GraspList, view: SceneView, deadline: float
+    ) -> Callable[[], Staged]:
+        """Return what scores candidates: nothing is gained by beginning at once."""
+        return partial(loaded(self.evaluator).evaluate, grasps, view)
 
     def check(
         self, grasps: GraspList, arms: tuple[str, ...], deadline: float

@@ -7,16 +7,15 @@ In a composed process both hold the same planner, so that a volume is encoded on
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import RevisionError
-from neugrasp_ros.fusion.tsdf import TsdfVolume, seen_surface
+from neugrasp_ros.fusion.tsdf import seen_surface
 from neugrasp_ros.geometry.transform import apply, invert
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.nodes.grasp_list import (
@@ -29,87 +28,12 @@ from neugrasp_ros.nodes.outcomes import Code, DetectionError
 from neugrasp_ros.nodes.params import LiveConfig
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import EvaluatorConfig, RendererConfig
+from neugrasp_ros.nodes.shared_planner import SharedPlanner
 
 FloatArray = NDArray[np.float64]
 
 ABOVE_SUPPORT = 0.01  # [m]; what reaches less far above its support is the support
-PATIENCE = 5.0  # [s] that a stream lets requests go first
 LEAST_POINTS = 20  # seen surface points that make something to look at
-
-
-class Planner(Protocol):
-    """The part of ``pipeline.GraspPlanner`` that the nodes use."""
-
-    affordances: tuple[str, ...]
-    encoder_passes: int
-    timings: dict[str, float]
-
-    def encode(self, volume: TsdfVolume, revision: int) -> Any:
-        """Encode a volume, or return what the same revision gave before."""
-
-    def render(self, scene: Any) -> Any:
-        """Return the completed surface, with ``points`` and ``normals``."""
-
-    def sample(
-        self,
-        scene: Any,
-        *,
-        support_height: float | None,
-        roi: tuple[FloatArray, FloatArray] | None,
-        max_candidates: int,
-        seed: int,
-    ) -> GraspSet:
-        """Propose grasps."""
-
-    def contacts(self, scene: Any, grasps: GraspSet) -> FloatArray:
-        """Return the expected contacts of grasps (G, 2, 3), NaN = none."""
-
-    def evaluate(
-        self, scene: Any, grasps: GraspSet, *, support_height: float
-    ) -> GraspSet:
-        """Score grasps; ids and order stay."""
-
-
-class SharedPlanner:
-    """A planner that several threads may use, one at a time.
-
-    Args:
-        planner: The planner.
-        gripper: Name of its gripper.
-    """
-
-    def __init__(self, planner: Planner, gripper: str) -> None:
-        self.planner = planner
-        self.gripper = gripper
-        self._lock = threading.Lock()
-        self._requests = 0
-        self._idle = threading.Condition()
-
-    @contextmanager
-    def request(self) -> Iterator[None]:
-        """Keep streams away from the planner while somebody waits for an answer."""
-        with self._idle:
-            self._requests += 1
-        try:
-            yield
-        finally:
-            with self._idle:
-                self._requests -= 1
-                self._idle.notify_all()
-
-    def wait_for_requests(self, seconds: float = PATIENCE) -> None:
-        """Return when no request is running, or after ``seconds``."""
-        with self._idle:
-            self._idle.wait_for(lambda: not self._requests, timeout=seconds)
-
-    @contextmanager
-    def timed(self) -> Iterator[dict[str, float]]:
-        """Hold the planner; afterwards the yielded dict has the seconds per part."""
-        seconds: dict[str, float] = {}
-        with self._lock:
-            self.planner.timings.clear()
-            yield seconds
-            seconds.update(self.planner.timings)
 
 
 class Box(NamedTuple):
@@ -161,7 +85,7 @@ class RendererStage:
         config, planner = self._config.current, self._shared.planner
         require_surface(view, roi, config.support_height)
         with self._shared.timed() as seconds:
-            scene = planner.encode(view.volume, view.revision)
+            scene = self._shared.encode(view)
             grasps = planner.sample(
                 scene,
                 support_height=config.support_height,
@@ -197,15 +121,29 @@ class RendererStage:
         )
         return Staged(GraspList(info, GraspSet(np.zeros((0, 4, 4)), np.zeros(0))), {})
 
-    def let_requests_go_first(self) -> None:
-        """Wait a while for running requests; called by streams."""
-        self._shared.wait_for_requests()
+    def let_requests_go_first(self, end: float) -> None:
+        """Wait for running requests, until a time at most; called by streams."""
+        self._shared.wait_for_requests(end)
+
+    def request(self) -> AbstractContextManager[None]:
+        """Return what keeps streams away while a request runs."""
+        return self._shared.request()
+
+    def prepare(self, view: SceneView) -> None:
+        """Encode a scene, and no more: a request that comes meanwhile gains by it.
+
+        Raises:
+            DetectionError: As ``sample``, without a region.
+        """
+        require_surface(view, None, self._config.current.support_height)
+        with self._shared.timed():
+            self._shared.encode(view)
 
     def surface(self, view: SceneView) -> FloatArray:
         """Return the completed surface in the scene's frame: x, y, z, normal (N, 6)."""
         planner = self._shared.planner
         with self._shared.timed():
-            rendered = planner.render(planner.encode(view.volume, view.revision))
+            rendered = planner.render(self._shared.encode(view))
         points = apply(view.T_frame_task, rendered.points)
         normals = rendered.normals @ view.T_frame_task[:3, :3].T
         return np.hstack([points, normals])
@@ -274,13 +212,19 @@ class EvaluatorStage:
         self._views: OrderedDict[int, SceneView] = OrderedDict()
         self._arrived = threading.Condition()
 
-    def let_requests_go_first(self) -> None:
-        """Wait a while for running requests; called by streams."""
-        self._shared.wait_for_requests()
+    def let_requests_go_first(self, end: float) -> None:
+        """Wait for running requests, until a time at most; called by streams."""
+        self._shared.wait_for_requests(end)
 
     def request(self) -> AbstractContextManager[None]:
         """Return what keeps streams away while a request runs."""
         return self._shared.request()
+
+    def prepare(self, view: SceneView) -> None:
+        """Encode a scene in which something was measured, before it is asked about."""
+        if view.volume.observed.any():
+            with self._shared.timed():
+                self._shared.encode(view)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -343,7 +287,7 @@ class EvaluatorStage:
         if not len(grasps):
             return Staged(replace(grasps, info=replace(info, stage=STAGE_SCORED)), {})
         with self._shared.timed() as seconds:
-            scene = planner.encode(view.volume, view.revision)
+            scene = self._shared.encode(view)
             scored = planner.evaluate(
                 scene, in_task, support_height=self._config.current.support_height
             )

@@ -10,8 +10,8 @@ import numpy as np
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.fusion.tsdf import TsdfVolume
-from neugrasp_ros.nodes.planner_stages import SharedPlanner
 from neugrasp_ros.nodes.settings import DEFAULT_SUPPORT_HEIGHT
+from neugrasp_ros.nodes.shared_planner import SharedPlanner
 
 MakePlanner = Callable[[PlannerConfig], SharedPlanner]
 

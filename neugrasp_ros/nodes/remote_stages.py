@@ -3,12 +3,13 @@
 
 import threading
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from neugrasp_msgs.msg import GraspCandidates
+from neugrasp_msgs.msg import GraspArray, GraspCandidates
 from neugrasp_msgs.srv import (
     CheckReachability,
     EvaluateGrasps,
@@ -40,7 +41,7 @@ from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.work import from_timings
 
-LOOK_PERIOD = 0.05  # [s] between two looks for a newer volume
+LOOK_PERIOD = 0.05  # [s] after which an unchanged scene is looked at for its stamp
 
 
 class RemoteStages(Stages):
@@ -104,17 +105,19 @@ class RemoteStages(Stages):
             _good(call(self._reset, Trigger.Request(), deadline))
         patient = bool(newer_than) or wanted.min_views > 1
         problem: DetectionError | None = None
+        request = GetTsdf.Request()
         while True:
-            last = not patient or time.monotonic() + LOOK_PERIOD > deadline
-            start = time.perf_counter()
+            start = time.monotonic()
+            last = not patient or start + LOOK_PERIOD > deadline
             try:
-                response = call(self._tsdf, GetTsdf.Request(), deadline)
+                response = call(self._tsdf, request, deadline)
             except DetectionError as late:
                 raise problem or late from None
             if response.success:
                 problem = None
-                view = from_tsdf(response.volume)
-                view = replace(view, seconds=time.perf_counter() - start)
+                seconds = from_timings(response.message).get("fusion", 0.0)
+                view = replace(from_tsdf(response.volume), seconds=seconds)
+                request.min_revision = view.revision + 1
                 enough = view.volume.view_count >= wanted.min_views
                 if last or (view.is_newer(newer_than) and enough):
                     require(view, wanted, newer_than)
@@ -123,12 +126,15 @@ class RemoteStages(Stages):
                 problem = from_message(response.message)
                 if last:
                     raise problem
-            time.sleep(LOOK_PERIOD)  # the volume comes at the camera's rate
+                if request.timeout.nanosec:  # it may have failed at once
+                    time.sleep(max(start + LOOK_PERIOD - time.monotonic(), 0.0))
+            request.timeout.nanosec = int(LOOK_PERIOD * 1e9)
 
     def sample(
         self, view: SceneView, roi: Box | None, wanted: Wanted, deadline: float
     ) -> Staged:
-        """Propose candidates."""
+        """Propose candidates, while the evaluator already encodes the scene."""
+        self._evaluate.call_async(_about(view))
         request = SampleGrasps.Request(
             min_revision=view.revision,
             max_candidates=wanted.max_candidates,
@@ -147,17 +153,24 @@ class RemoteStages(Stages):
         sampled = int(seconds.pop("sampled", len(grasps)))
         return Staged(replace(grasps, info=info), seconds, sampled)
 
-    def evaluate(self, grasps: GraspList, view: SceneView, deadline: float) -> Staged:
-        """Score candidates; they come back in their order."""
+    def begin_scores(
+        self, grasps: GraspList, view: SceneView, deadline: float
+    ) -> Callable[[], Staged]:
+        """Ask for candidates' scores; they come back in their order."""
         candidates = GraspCandidates(candidates=to_grasp_array(grasps))
         request = EvaluateGrasps.Request(candidates=candidates)
-        response = _good(call(self._evaluate, request, deadline))
-        scored = from_grasp_array(response.grasps)
-        row = {name: i for i, name in enumerate(scored.grasps.ids)}
-        order = np.array([row[name] for name in grasps.grasps.ids], dtype=np.int64)
-        info = replace(scored.info, stamp=grasps.info.stamp)
-        ordered = replace(scored.take(order), info=info, reach=grasps.reach)
-        return Staged(ordered, from_timings(response.message))
+        wait = begin(self._evaluate, request)
+
+        def scores() -> Staged:
+            response = _good(wait(deadline))
+            scored = from_grasp_array(response.grasps)
+            row = {name: i for i, name in enumerate(scored.grasps.ids)}
+            order = np.array([row[name] for name in grasps.grasps.ids], dtype=np.int64)
+            info = replace(scored.info, stamp=grasps.info.stamp)
+            ordered = replace(scored.take(order), info=info, reach=grasps.reach)
+            return Staged(ordered, from_timings(response.message))
+
+        return scores
 
     def check(
         self, grasps: GraspList, arms: tuple[str, ...], deadline: float
@@ -193,19 +206,36 @@ class RemoteStages(Stages):
         return self._transforms(target, source, stamp)
 
 
-def call(client: Client, request: Any, deadline: float) -> Any:
-    """Call a service and wait for its answer, not in the executor's only thread.
+def _about(view: SceneView) -> EvaluateGrasps.Request:
+    """Return a question without candidates, at which the evaluator encodes a scene."""
+    array = GraspArray(scene_revision=view.revision)
+    array.header.frame_id = view.frame_id
+    return EvaluateGrasps.Request(candidates=GraspCandidates(candidates=array))
 
-    Raises:
-        DetectionError: TIMEOUT at the deadline of ``time.monotonic()``.
+
+def call(client: Client, request: Any, deadline: float) -> Any:
+    """Call a service and wait for its answer; raises as what ``begin`` returns."""
+    return begin(client, request)(deadline)
+
+
+def begin(client: Client, request: Any) -> Callable[[float], Any]:
+    """Call a service; its answer is waited for later.
+
+    Returns:
+        Takes a deadline of ``time.monotonic()`` and waits for the answer, not in the
+        executor's only thread; raises ``DetectionError`` TIMEOUT at the deadline.
     """
     done = threading.Event()
     future = client.call_async(request)
     future.add_done_callback(lambda _: done.set())
-    if not done.wait(max(deadline - time.monotonic(), 0.0)):
+
+    def wait(deadline: float) -> Any:
+        if done.wait(max(deadline - time.monotonic(), 0.0)):
+            return future.result()
         client.remove_pending_request(future)
         raise DetectionError(Code.TIMEOUT, f"no answer from {client.srv_name} in time")
-    return future.result()
+
+    return wait
 
 
 def _good(response: Any) -> Any:

@@ -2,6 +2,7 @@
 """Node ``scene_renderer``: a TSDF into a completed surface and grasp candidates."""
 
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -29,6 +30,7 @@ from neugrasp_ros.nodes.requests import read_roi
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import RendererConfig
+from neugrasp_ros.nodes.shared_planner import PATIENCE
 from neugrasp_ros.nodes.work import LatestWorker, answer, shielded, to_timings
 
 NAME = "scene_renderer"
@@ -80,10 +82,16 @@ class SceneRendererNode(Node):
             self._worker.put(self._view)
 
     def _stream(self, view: SceneView) -> None:
-        """Publish candidates and surface; an empty scene gives an empty list."""
+        """Publish candidates and surface; an empty scene gives an empty list.
+
+        Requests need not wait for more than one of its steps.
+        """
         config = self._config.current
-        self.stage.let_requests_go_first()
+        patient_until = time.monotonic() + PATIENCE
+        self.stage.let_requests_go_first(patient_until)
         try:
+            self.stage.prepare(view)
+            self.stage.let_requests_go_first(patient_until)
             staged = self.stage.sample(
                 view, None, self._planner.max_candidates, config.seed
             )
@@ -91,6 +99,7 @@ class SceneRendererNode(Node):
         except (DetectionError, EmptySceneError):
             self._candidates.publish(_message(self.stage.nothing(view)))
             return
+        self.stage.let_requests_go_first(patient_until)
         self._surface.publish(
             write_cloud(self.stage.surface(view), view.frame_id, to_stamp(view.stamp))
         )
@@ -116,7 +125,8 @@ class SceneRendererNode(Node):
             response.candidates = _message(staged)
             response.message = to_timings(staged.seconds, sampled=staged.sampled)
 
-        return answer(self, response, work)
+        with self.stage.request():
+            return answer(self, response, work)
 
     def _view_of(self, revision: int) -> SceneView:
         """Return a volume of at least the given revision, waiting for it a while."""

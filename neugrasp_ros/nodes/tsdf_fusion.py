@@ -36,7 +36,7 @@ from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.scene_file import read_scene, write_scene
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import FusionConfig
-from neugrasp_ros.nodes.work import answer, shielded
+from neugrasp_ros.nodes.work import answer, shielded, to_timings
 
 NAME = "tsdf_fusion"
 LOOK_PERIOD = 0.05  # [s] between two looks for late transforms and due volumes
@@ -52,6 +52,8 @@ class TsdfFusionNode(Node):
         self.buffer = Buffer()
         self._listener = TransformListener(self.buffer, self)
         self.fusion = DepthFusion(self._config, self._lookup, self._now)
+        self._to_show: SceneView | None = None
+        self._shown: SceneView | None = None
         self._published = (0, 0.0)  # revision, time.monotonic() of the last volume
         self._jumps = self.get_clock().create_jump_callback(
             JumpThreshold(
@@ -118,6 +120,7 @@ class TsdfFusionNode(Node):
     def _on_look(self, _: None) -> None:
         self.fusion.retry()
         self._publish_if_due()
+        self._show()
 
     def _on_jump(self, jump: object) -> None:
         self.get_logger().warning("time has jumped back: scene and transforms cleared")
@@ -136,11 +139,22 @@ class TsdfFusionNode(Node):
             return  # nothing to show yet; whoever asks is told why
 
     def publish(self, view: SceneView) -> None:
-        """Publish a scene, unless its revision was the last one published."""
+        """Publish a scene, unless its revision was the last one published.
+
+        What only people look at follows a moment later.
+        """
         if view.revision == self._published[0]:
             return
         self._published = (view.revision, time.monotonic())
         self._tsdf.publish(to_tsdf(view))
+        self._to_show = view
+
+    def _show(self) -> None:
+        """Publish the cloud and the outline of the scene published last."""
+        view = self._to_show
+        if view is None or view is self._shown:
+            return
+        self._shown = view
         stamp = to_stamp(view.stamp)
         points, normals = seen_surface(view.volume)
         points = apply(view.T_frame_task, points)
@@ -185,6 +199,7 @@ class TsdfFusionNode(Node):
             )
             self.publish(view)
             response.volume = to_tsdf(view)
+            response.message = to_timings({"fusion": view.seconds})
 
         return answer(self, response, work)
 

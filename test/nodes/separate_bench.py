@@ -10,10 +10,10 @@ from neugrasp_ros.nodes.composed import Suite
 from neugrasp_ros.nodes.executor import PatientExecutor
 from neugrasp_ros.nodes.grasp_evaluator import GraspEvaluatorNode
 from neugrasp_ros.nodes.grasp_server import GraspServerNode
-from neugrasp_ros.nodes.planner_stages import SharedPlanner
 from neugrasp_ros.nodes.reachability_filter import ReachabilityFilterNode
 from neugrasp_ros.nodes.runtime import SpinThread
 from neugrasp_ros.nodes.scene_renderer import SceneRendererNode
+from neugrasp_ros.nodes.shared_planner import SharedPlanner
 from neugrasp_ros.nodes.tsdf_fusion import TsdfFusionNode
 
 CAMERA_TOPICS = ["--ros-args"]

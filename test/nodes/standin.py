@@ -10,8 +10,8 @@ from neugrasp_ros.fusion.tsdf import TsdfVolume, seen_surface
 from neugrasp_ros.geometry.transform import canonical_gripper, make_transform
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.nodes.grasp_list import Reach
-from neugrasp_ros.nodes.planner_stages import SharedPlanner
 from neugrasp_ros.nodes.reach_stage import Checked
+from neugrasp_ros.nodes.shared_planner import SharedPlanner
 
 DOWN = np.diag([1.0, -1.0, -1.0])  # z approach points down
 CELL = 0.05  # [m]; one candidate per occupied cell

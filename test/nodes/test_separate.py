@@ -184,6 +184,20 @@ def test_where_the_base_would_have_to_stand_comes_from_the_other_process(bench):
     assert report.suggested_base.pose.position.y == -0.5
 
 
+def test_a_question_without_candidates_has_an_answer_without_grasps(bench):
+    show(bench, LEFT)
+    bench.user.ask(scene=FRESH)
+    about = GraspArray(scene_revision=candidates(bench).scene_revision)
+    about.header.frame_id = "base_footprint"
+    answer = bench.call(
+        EvaluateGrasps,
+        "grasp_evaluator/evaluate",
+        candidates=GraspCandidates(candidates=about),
+    )
+    assert answer.success and not answer.grasps.grasps
+    assert answer.grasps.scene_revision == about.scene_revision
+
+
 def test_foreign_grasps_in_other_axes_are_scored_where_they_are(bench):
     show(bench, LEFT)
     bench.user.ask(scene=FRESH)

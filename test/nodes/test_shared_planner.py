@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+import threading
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("neugrasp_msgs")
+
+from neugrasp_ros.fusion.tsdf import empty_volume  # noqa: E402
+from neugrasp_ros.nodes.scene_view import SceneView  # noqa: E402
+from neugrasp_ros.nodes.shared_planner import LINGER, SharedPlanner  # noqa: E402
+
+PASS = 0.3  # [s] that a pass takes
+
+
+class SlowPlanner:
+    """Encodes each revision once, slowly."""
+
+    def __init__(self) -> None:
+        self.encoder_passes = 0
+        self.timings: dict[str, float] = {}
+        self.begun = threading.Event()
+        self._revision = -1
+
+    def encode(self, volume, revision):
+        if revision != self._revision:
+            self.begun.set()
+            time.sleep(PASS)
+            self.encoder_passes += 1
+            self.timings["encoding"] = PASS
+            self._revision = revision
+        return revision
+
+
+@pytest.fixture
+def shared() -> SharedPlanner:
+    return SharedPlanner(SlowPlanner(), "any")
+
+
+def view(revision: int) -> SceneView:
+    return SceneView(
+        volume=empty_volume(2),
+        T_frame_task=np.eye(4),
+        frame_id="base",
+        stamp=1,
+        revision=revision,
+    )
+
+
+def encoded(shared: SharedPlanner, revision: int) -> dict[str, float]:
+    with shared.timed() as seconds:
+        assert shared.encode(view(revision)) == revision
+    return seconds
+
+
+def test_a_pass_counts_for_whoever_makes_it_and_not_for_who_comes_later(shared):
+    assert encoded(shared, 1)["encoding"] == pytest.approx(PASS, abs=0.2)
+    assert "encoding" not in encoded(shared, 1)
+    assert shared.planner.encoder_passes == 1
+
+
+def test_a_pass_of_another_counts_as_far_as_it_was_waited_for(shared):
+    other = threading.Thread(target=encoded, args=(shared, 1))
+    other.start()
+    assert shared.planner.begun.wait(5.0)
+    time.sleep(PASS / 2)
+    start = time.perf_counter()
+    counted = encoded(shared, 1)["encoding"]
+    assert 0 < counted <= time.perf_counter() - start
+    other.join()
+    assert shared.planner.encoder_passes == 1
+
+
+def test_the_time_for_another_scene_does_not_count(shared):
+    other = threading.Thread(target=encoded, args=(shared, 1))
+    other.start()
+    assert shared.planner.begun.wait(5.0)
+    start = time.perf_counter()
+    counted = encoded(shared, 2)["encoding"]
+    assert counted < time.perf_counter() - start - PASS / 4
+    other.join()
+
+
+def waited(shared: SharedPlanner, seconds: float) -> float:
+    start = time.monotonic()
+    shared.wait_for_requests(start + seconds)
+    return time.monotonic() - start
+
+
+def test_a_stream_waits_for_the_request_and_for_what_it_may_ask_next(shared):
+    assert waited(shared, 5.0) < LINGER
+    with shared.request():
+        assert waited(shared, 0.2) >= 0.2  # patience has an end
+    assert LINGER / 2 < waited(shared, 30.0) < 10.0
+    assert waited(shared, 5.0) < LINGER
