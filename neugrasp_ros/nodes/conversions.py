@@ -123,7 +123,7 @@ def _to_grasps(grasps: GraspList, poses: FloatArray) -> list[Grasp]:
     if not len(grasps):
         return []
     positions, quaternions = to_position_quaternion(poses)
-    known = list(np.isfinite(grasps.contacts).all(axis=(1, 2)))
+    known = np.asarray(np.isfinite(grasps.contacts).all(axis=(1, 2)))
     items = [Grasp() for _ in known]
     for item, identity, arm, joints in zip(
         items, values.ids, reach.arms, reach.joints, strict=True

@@ -42,6 +42,7 @@ from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.work import from_timings
 
 LOOK_PERIOD = 0.05  # [s] after which an unchanged scene is looked at for its stamp
+FIRST_PERIOD = 0.5  # [s] after which one that is not there is asked for again
 
 
 class RemoteStages(Stages):
@@ -105,16 +106,19 @@ class RemoteStages(Stages):
             _good(call(self._reset, Trigger.Request(), deadline))
         patient = bool(newer_than) or wanted.min_views > 1
         problem: DetectionError | None = None
+        patience = 0.0  # [s] that the volume may be waited for, at first none
         request = GetTsdf.Request()
         while True:
             start = time.monotonic()
-            last = not patient or start + LOOK_PERIOD > deadline
+            left = deadline - start - LOOK_PERIOD
+            last = not patient or left <= 0
+            request.timeout.nanosec = int(1e9 * max(min(patience, left), 0.0))
             try:
                 response = call(self._tsdf, request, deadline)
             except DetectionError as late:
                 raise problem or late from None
             if response.success:
-                problem = None
+                problem, patience = None, LOOK_PERIOD
                 seconds = from_timings(response.message).get("fusion", 0.0)
                 view = replace(from_tsdf(response.volume), seconds=seconds)
                 request.min_revision = view.revision + 1
@@ -126,9 +130,9 @@ class RemoteStages(Stages):
                 problem = from_message(response.message)
                 if last:
                     raise problem
-                if request.timeout.nanosec:  # it may have failed at once
+                if patience:  # it may have failed at once
                     time.sleep(max(start + LOOK_PERIOD - time.monotonic(), 0.0))
-            request.timeout.nanosec = int(LOOK_PERIOD * 1e9)
+                request.min_revision, patience = 0, FIRST_PERIOD
 
     def sample(
         self, view: SceneView, roi: Box | None, wanted: Wanted, deadline: float
