@@ -183,6 +183,17 @@ def test_a_grasp_that_closes_on_nothing_is_worth_nothing(planner, scene):
     assert scored.quality.tolist() == [0.0]
 
 
+def test_a_grasp_that_meets_little_keeps_its_probability(planner, scene, candidates):
+    """A thin thing shows a few points; only none at all is worth nothing."""
+    evaluator = planner._evaluator
+    few = candidates.take(np.arange(2))
+    inputs = evaluator.inputs(scene, few, 0.05)
+    inputs = inputs._replace(hits=np.array([0, 1], dtype=np.int32))
+    with torch.no_grad():
+        quality, _ = evaluator.score(scene, few, inputs)
+    assert quality[0] == 0.0 < quality[1]
+
+
 def test_no_grasps_have_no_scores(planner, scene):
     scored = planner.evaluate(scene, GraspSet(np.zeros((0, 4, 4)), np.zeros(0)))
     assert len(scored) == 0

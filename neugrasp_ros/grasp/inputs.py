@@ -22,7 +22,6 @@ LOGIT_SCALE = 8.0
 GRIPPER_FEATURES = 8
 POINT_FEATURES = 11  # position 3, normal 3, distances to the hand 4, observed 1
 TOKEN_FEATURES = 4 + SWEEP_FEATURES + GRIPPER_FEATURES + 2
-MIN_HITS = 16  # below it there is no surface to close on, and the quality is 0
 
 
 class LocalInputs(NamedTuple):

@@ -12,7 +12,7 @@ from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.geometry.gripper import Gripper
 from neugrasp_ros.geometry.transform import canonical_gripper
 from neugrasp_ros.grasp.ablation import restricted_inputs
-from neugrasp_ros.grasp.inputs import MIN_HITS, LocalInputs, assemble_inputs
+from neugrasp_ros.grasp.inputs import LocalInputs, assemble_inputs
 from neugrasp_ros.grasp.reference_view import render_local_reference
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.model import GraspNetwork
@@ -169,7 +169,7 @@ class Evaluator:
         """Return quality (G,) and affordances (G, A); 0 quality without a surface."""
         cubes = scene.cubes_of(grasps.poses[:, :3, 3])
         quality, affordances = self._scorer(scene, inputs, cubes)
-        quality[inputs.hits < MIN_HITS] = 0.0
+        quality[inputs.hits == 0] = 0.0
         return quality, affordances
 
 

@@ -25,7 +25,7 @@ from neugrasp_ros.datagen.pool import process_pool
 from neugrasp_ros.errors import ShardError
 from neugrasp_ros.geometry.raycast import MeshScene
 from neugrasp_ros.geometry.transform import pose_from
-from neugrasp_ros.grasp.inputs import MIN_HITS, LocalInputs, assemble_inputs
+from neugrasp_ros.grasp.inputs import LocalInputs, assemble_inputs
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.scene.field import evaluate_field
 from neugrasp_ros.scene.network import SceneNetwork
@@ -132,7 +132,7 @@ def view_grasps(
         support_height=TABLE_TOP,
         threads=threads,
     )
-    kept = inputs.hits >= MIN_HITS
+    kept = inputs.hits > 0
     if not kept.any():
         return None
     return _entry(labels, distances, inputs, kept, object_scene(labels.scene), rng)
