@@ -5,6 +5,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from neugrasp_ros.cli.counts import require_positive
+
 REPORT_EVERY = 10
 
 
@@ -35,8 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.datagen.shards import load_shards
     from neugrasp_ros.errors import ConfigError
 
-    if args.count < 1:
-        raise ConfigError(f"--count must be positive, got {args.count}")
+    require_positive(args, "count")
     rng = np.random.default_rng(args.seed)
     jobs = draw_rechecks(load_shards(args.data), args.count, rng)
     outcomes = []

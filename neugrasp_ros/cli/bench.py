@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from neugrasp_ros.cli.counts import require_positive
+
 
 def add_parser(
     subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
@@ -19,7 +21,8 @@ def add_parser(
         help="affordance: piles of held-out affordance objects, asked about each class",
     )  # fmt: skip
     add("--view", default="random", choices=("fixed", "random", "hard"))
-    add("--objects", metavar="DIR|NAME", help="default procedural, or affordance")
+    add("--objects", metavar="DIR|NAME", help="default procedural, or affordance; "
+        "NAME@0.8 has only its objects of at least 0.8 kg")  # fmt: skip
     add("--part", choices=("train", "tune", "val", "all", "held_out"),
         help="default val, or held_out")  # fmt: skip
     add("--gripper", default="panda", metavar="NAME|FILE")
@@ -60,13 +63,11 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.benchmark.runner import run_suite
     from neugrasp_ros.benchmark.table import load_results, markdown_table
     from neugrasp_ros.config import PlannerConfig
-    from neugrasp_ros.errors import ConfigError
 
     if args.table:
         print(markdown_table(load_results(args.table)))
         return 0
-    if args.rounds < 1:
-        raise ConfigError(f"--rounds must be positive, got {args.rounds}")
+    require_positive(args, "rounds")
     served = args.scene == "affordance"
     suite = Suite(
         scene="pile" if served else args.scene,

@@ -4,6 +4,8 @@
 import argparse
 import time
 
+from neugrasp_ros.cli.counts import require_positive
+
 REPORT_SECONDS = 10.0
 
 
@@ -69,8 +71,7 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.weights and not args.chosen:
         raise ConfigError("--weights says whose choice is labelled: give --chosen too")
-    if args.trials < 1:
-        raise ConfigError(f"--trials must be positive, got {args.trials}")
+    require_positive(args, "trials", "scenes", "workers")
     plan = RunPlan(
         objects=tuple(args.objects.split(",")),
         kind=args.kind,

@@ -9,6 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from neugrasp_ros.cli.counts import require_positive
+
 TABLES = ((0.3, 0.3, 0.3), (0.6, 0.4, 0.3), (0.9, 0.6, 0.3), (1.2, 0.8, 0.4))
 ON_TABLE = (5, 8, 12, 18)  # objects
 CURVE_SCENES = 5
@@ -115,9 +117,7 @@ def _wanted(args: argparse.Namespace) -> list[str]:
     unknown = sorted(set(wanted) - set(PARTS))
     if unknown:
         raise ConfigError(f"--only: expected of {', '.join(PARTS)}, got {unknown}")
-    for name in COUNTS:
-        if getattr(args, name) < 1:
-            raise ConfigError(f"--{name} must be positive, got {getattr(args, name)}")
+    require_positive(args, *COUNTS)
     if args.merge and not args.json:
         raise ConfigError("--merge needs --json, the figures to keep")
     return wanted

@@ -2,9 +2,12 @@
 """``neugrasp robot``: figures of the whole robot, without ROS."""
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import Any
+
+from neugrasp_ros.cli.counts import require_positive
 
 
 def add_parser(
@@ -33,13 +36,9 @@ def add_parser(
     add = order.add_argument
     add("--scenes", type=int, default=12)
     add("--candidates", type=int, default=1000, help="proposed per scene at most")
-    add(
-        "--budgets",
-        type=float,
-        nargs="+",
-        default=[0.05, 0.1, 0.2, 0.0],
+    add("--budgets", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.0],
         metavar="SECONDS",
-    )
+        help="for scores where reach is asked last; 0 = no budget")  # fmt: skip
     add("--seed", type=int, default=100)
     add("--json", type=Path, help="where the figures go")
     order.set_defaults(run=run_order)
@@ -98,8 +97,12 @@ def run_clear(args: argparse.Namespace) -> int:
 def run_reach(args: argparse.Namespace) -> int:
     """Measure the reachability check."""
     from neugrasp_ros.benchmark.robot_reach import measure
+    from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.robot.model import load_robot
 
+    require_positive(args, "sets")
+    if args.slow_sets < 0:
+        raise ConfigError(f"--slow-sets must be 0 or more, got {args.slow_sets}")
     figures = measure(load_robot("tiago_dual"), args.sets, args.slow_sets, args.seed)
     _tell({**figures, "seed": args.seed}, args.json)
     return 0
@@ -109,7 +112,12 @@ def run_order(args: argparse.Namespace) -> int:
     """Compare both orders."""
     from neugrasp_ros.benchmark.robot_order import compare_orders
     from neugrasp_ros.benchmark.robot_round import open_rounds
+    from neugrasp_ros.errors import ConfigError
 
+    require_positive(args, "scenes", "candidates")
+    for budget in args.budgets:
+        if not 0 <= budget < math.inf:
+            raise ConfigError(f"--budgets must be 0 or more seconds, got {budget}")
     with open_rounds(print, args.candidates) as rounds:
         figures = compare_orders(
             rounds.robot,

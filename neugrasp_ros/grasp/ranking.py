@@ -107,6 +107,9 @@ def quality_after_failures(
         positions: TCPs in any frame in [m], shape (G, 3).
         quality: Shape (G,).
         failed: TCPs of grasps that failed in this scene, in that frame, shape (F, 3).
+
+    Returns:
+        Lowered for each failure nearby, so it may be below 0, shape (G,).
     """
     quality = np.array(quality, dtype=np.float64)
     for position in failed:

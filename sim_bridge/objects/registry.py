@@ -2,6 +2,7 @@
 """Find an object set by its name or folder, and split it by name."""
 
 import importlib.util
+import math
 import os
 import zlib
 from collections.abc import Callable, Iterable
@@ -71,7 +72,7 @@ def object_set(name: str) -> ObjectSet:
     Raises:
         UnknownNameError: If it is none of these.
         ObjectFileError: If a folder holds no object.
-        ConfigError: If the mass is no number, or no object is so heavy.
+        ConfigError: If the mass is no positive number, or no object is so heavy.
     """
     whole, at, mass = name.rpartition("@")
     if at and not Path(name).is_dir():
@@ -160,7 +161,9 @@ def _heavy_set(objects: ObjectSet, least: str) -> ObjectSet:
     try:
         least_mass = float(least)
     except ValueError:
-        raise ConfigError(f"{least!r} is no mass in kg, as in pile_train@0.8") from None
+        least_mass = math.nan
+    if not 0 < least_mass < math.inf:
+        raise ConfigError(f"{least!r} is no mass in kg, as in pile_train@0.8")
     names = [name for name in objects.names if objects.load(name).mass >= least_mass]
     if not names:
         raise ConfigError(f"{objects.name!r} has no object of {least_mass} kg")

@@ -79,7 +79,12 @@ def test_the_engine_needs_an_address_when_it_is_dask(calls):
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [(("--weights", "w"), "give --chosen too"), (("--trials", "0"), "positive, got 0")],
+    [
+        (("--weights", "w"), "give --chosen too"),
+        (("--trials", "0"), "--trials must be positive, got 0"),
+        (("--scenes", "-1"), "--scenes must be positive, got -1"),
+        (("--workers", "0"), "--workers must be positive, got 0"),
+    ],
 )
 def test_what_makes_no_sense_is_refused(calls, words, message):
     args = parse("--out", "d", *words)

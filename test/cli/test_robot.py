@@ -17,6 +17,22 @@ def test_a_share_that_cannot_be_ends_with_a_sentence(text, tmp_path, capsys):
     assert "--share must be K/N" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("reach --sets 0", "--sets must be positive, got 0"),
+        ("reach --slow-sets -1", "--slow-sets must be 0 or more, got -1"),
+        ("order --scenes 0", "--scenes must be positive, got 0"),
+        ("order --candidates -5", "--candidates must be positive, got -5"),
+        ("order --budgets 0.1 -1", "--budgets must be 0 or more seconds, got -1.0"),
+        ("order --budgets nan", "--budgets must be 0 or more seconds, got nan"),
+    ],
+)
+def test_what_cannot_be_measured_ends_with_a_sentence(words, sentence, capsys):
+    assert main(["robot", *words.split()]) == 1
+    assert sentence in capsys.readouterr().err
+
+
 def test_rounds_that_are_kept_are_pooled_and_not_run_again(tmp_path, capsys):
     round_ = {
         "index": 0, "kind": "table:pile", "objects": ["a"], "cleared": ["a"],

@@ -124,8 +124,12 @@ def test_a_mass_leaves_the_heavier_objects_of_a_set():
         assert (name in heavy.names) == (whole.load(name).mass >= 0.3)
     with pytest.raises(ConfigError, match="has no object of 1000.0 kg"):
         object_set("procedural@1000")
-    with pytest.raises(ConfigError, match="'much' is no mass in kg"):
-        object_set("procedural@much")
+
+
+@pytest.mark.parametrize("mass", ["much", "", "-1", "0", "nan", "inf"])
+def test_a_mass_that_no_object_can_have_is_refused(mass):
+    with pytest.raises(ConfigError, match=f"'{mass}' is no mass in kg"):
+        object_set(f"procedural@{mass}")
 
 
 def test_held_out_objects_are_those_never_learned_from():
