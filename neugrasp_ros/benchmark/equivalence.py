@@ -180,9 +180,9 @@ def score_figures(checks: Sequence[ScoreCheck]) -> dict[str, float]:
     """Pool scenes.
 
     Returns:
-        Mean and 95th percentile of the differences, and the share of the scenes in
-        which the fast path's best is as good in the reference's eyes; empty if no
-        scene has a candidate.
+        Mean and 95th percentile of the differences, the share of the scenes in which
+        the fast path's best is as good in the reference's eyes, and how much worse it
+        is in the worst scene; empty if no scene has a candidate.
     """
     checks = [check for check in checks if check.gaps]
     if not checks:

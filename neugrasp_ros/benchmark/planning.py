@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.benchmark.protocol import Look, Plan
+from neugrasp_ros.benchmark.shots import CUBE
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.fusion.tsdf import empty_volume, integrate
 from neugrasp_ros.grasp.ranking import quality_after_failures
@@ -15,7 +16,6 @@ from neugrasp_ros.pipeline import EncodedScene, GraspPlanner
 
 FloatArray = NDArray[np.float64]
 
-CUBE = 0.3  # [m], edge of the network's cube
 MIN_QUALITY = 0.5  # below it a grasp is not worth trying (method sheet, a8)
 REPEAT_DISTANCE = 0.02  # [m], of the TCP, and
 REPEAT_ANGLE = 0.35  # [rad], of the approach: nearer is the grasp that failed before

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from neugrasp_ros.benchmark.planning import CUBE
 from neugrasp_ros.benchmark.protocol import Look, Plan
+from neugrasp_ros.benchmark.shots import CUBE
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.grasp.types import GraspSet
 

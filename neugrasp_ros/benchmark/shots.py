@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 TABLE_TOP = 0.05  # [m], as the network learned it
 TABLE_THICKNESS = 0.006  # [m]
-CUBE = 0.3  # [m]
+CUBE = 0.3  # [m], edge of the network's cube
 POLAR = (np.deg2rad(15.0), np.deg2rad(60.0))  # of the view, from the vertical
 OBJECT_SET = "procedural"  # needs no files
 PART = "val"

@@ -300,7 +300,15 @@ class ArmMover:
         around: Surroundings,
         carried: CarriedBox | None = None,
     ) -> bool:
-        """Tell whether a motion leaves what it touches at most at its start."""
+        """Tell whether a motion ends free, with contact at its beginning at most.
+
+        Args:
+            q: Configuration that holds all other joints, shape (J,).
+            arm: Planning group that moves.
+            motion: Of its joints.
+            around: The scene.
+            carried: What the hand carries, if anything.
+        """
         checker = _loaded(self.checker.collisions, arm, carried)
         free = _FreeCheck(checker, arm, q, around)(motion.positions)
         return bool(free[-1] and (np.diff(free.astype(int)) >= 0).all())
