@@ -31,6 +31,7 @@ MALLOPT = {  # glibc: option -> bytes; keeps megabyte messages off mmap
     -1: 256 << 20,  # M_TRIM_THRESHOLD
     -2: 64 << 20,  # M_TOP_PAD
 }
+SWITCH_INTERVAL = 0.0005  # [s] that a thread may run while another wants to
 SPIN_PERIOD = 0.1  # [s] between two looks whether to stop
 START_ERROR = 1  # exit code of a node that cannot start
 
@@ -46,7 +47,8 @@ def prepare() -> tuple[str, ...]:
     """
     if os.environ.get(NO_TUNING, "") not in ("", "0"):
         return ()
-    done = []
+    done = ["thread switches"]
+    sys.setswitchinterval(SWITCH_INTERVAL)  # a request returns from kernels often
     if _uses_fastrtps() and not any(name in os.environ for name in PROFILE_VARIABLES):
         os.environ[PROFILE_VARIABLES[0]] = str(config_dir() / "fastdds.xml")
         done.append("Fast DDS profile")

@@ -40,6 +40,7 @@ from neugrasp_ros.nodes.work import answer, shielded, to_timings
 
 NAME = "tsdf_fusion"
 LOOK_PERIOD = 0.05  # [s] between two looks for late transforms and due volumes
+SHOW_DELAY = 0.3  # [s] by which a request about a new scene is answered
 
 
 class TsdfFusionNode(Node):
@@ -53,7 +54,7 @@ class TsdfFusionNode(Node):
         self._listener = TransformListener(self.buffer, self)
         self.fusion = DepthFusion(self._config, self._lookup, self._now)
         self._to_show: SceneView | None = None
-        self._shown: SceneView | None = None
+        self._show_due = 0.0  # time.monotonic() [s]
         self._published = (0, 0.0)  # revision, time.monotonic() of the last volume
         self._jumps = self.get_clock().create_jump_callback(
             JumpThreshold(
@@ -147,14 +148,16 @@ class TsdfFusionNode(Node):
             return
         self._published = (view.revision, time.monotonic())
         self._tsdf.publish(to_tsdf(view))
+        if self._to_show is None:
+            self._show_due = time.monotonic() + SHOW_DELAY
         self._to_show = view
 
     def _show(self) -> None:
-        """Publish the cloud and the outline of the scene published last."""
+        """Publish the cloud and the outline of the newest scene, when it is time."""
         view = self._to_show
-        if view is None or view is self._shown:
+        if view is None or time.monotonic() < self._show_due:
             return
-        self._shown = view
+        self._to_show = None
         stamp = to_stamp(view.stamp)
         points, normals = seen_surface(view.volume)
         points = apply(view.T_frame_task, points)
