@@ -21,7 +21,7 @@ from neugrasp_ros.pictures.scene_axes import (
 FloatArray = NDArray[np.float64]
 
 SHOWN_CANDIDATES = 70
-CLOSE_UP = 0.22  # [m], edge of the cube shown around what was found
+CLOSE_UP = 0.22  # [m], least edge of the cube shown around what was found
 SHOWN_GRASPS = 12
 DPI = 110
 
@@ -112,7 +112,7 @@ def draw_decision(
         f"{len(decision.candidates)} candidates",
         f"{len(decision.grasps)} ranked grasps, best in bold",
     )
-    lower, edge = _close_up(decision)
+    lower, edge = close_up(decision)
     for axes, text in zip(panels, titles, strict=True):
         frame_cube(axes, lower, edge, text)
     _draw_attempts(figure.add_subplot(grid[4]), attempts)
@@ -120,12 +120,13 @@ def draw_decision(
     figure.savefig(path, bbox_inches="tight")
 
 
-def _close_up(decision: Decision) -> tuple[FloatArray, float]:
+def close_up(decision: Decision) -> tuple[FloatArray, float]:
     """Return corner and edge of a cube around the surface, or the whole workspace."""
     if not len(decision.surface) or decision.edge <= CLOSE_UP:
         return decision.lower, decision.edge
-    middle = (decision.surface.min(axis=0) + decision.surface.max(axis=0)) / 2
-    return middle - CLOSE_UP / 2, CLOSE_UP
+    low, high = decision.surface.min(axis=0), decision.surface.max(axis=0)
+    edge = max(CLOSE_UP, float((high - low).max()))
+    return (low + high - edge) / 2, edge
 
 
 def draw_depth(axes: Any, depth: NDArray[np.float32]) -> None:

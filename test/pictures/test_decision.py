@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of a decision, and the strokes that hands are drawn with."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from neugrasp_ros.geometry.gripper import load_gripper
-from neugrasp_ros.pictures.decision import Attempt, Decision, draw_decision
+from neugrasp_ros.pictures.decision import (
+    CLOSE_UP,
+    Attempt,
+    Decision,
+    close_up,
+    draw_decision,
+)
 from neugrasp_ros.pictures.scene_axes import gripper_lines
 
 
@@ -52,3 +59,15 @@ def test_nothing_found_can_be_drawn_too(tmp_path: Path) -> None:
     path = tmp_path / "none.png"
     draw_decision(_decision(0), [], load_gripper("panda"), path, "nothing")
     assert path.stat().st_size > 1000
+
+
+def test_the_close_up_is_centred_on_the_surface_and_holds_all_of_it() -> None:
+    wide = _decision(5)
+    lower, edge = close_up(wide)
+    assert edge == np.ptp(wide.surface, axis=0).max() > CLOSE_UP
+    assert (
+        (wide.surface >= lower - 1e-9) & (wide.surface <= lower + edge + 1e-9)
+    ).all()
+    lower, edge = close_up(replace(wide, surface=wide.surface / 10))
+    assert edge == CLOSE_UP
+    np.testing.assert_allclose(lower + edge / 2, 0.015, atol=1e-3)
