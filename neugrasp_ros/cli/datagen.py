@@ -63,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.datagen.jobs import RunPlan
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.model import default_weights
+    from sim_bridge.objects.registry import object_set
 
     engine, *address = args.engine
     if engine not in ("local", "dask") or len(address) != (engine == "dask"):
@@ -83,6 +84,9 @@ def run(args: argparse.Namespace) -> int:
         candidates=CandidateConfig(n_trials=args.trials),
         weights=(args.weights or str(default_weights())) if args.chosen else "",
     )
+    if engine == "local":  # other machines have folders of their own
+        for name in {name for kind in plan.kinds() for name in plan.sets_for(kind)}:
+            object_set(name)  # raises before a folder is bound to the plan
     said = 0.0
 
     def report(progress: Progress) -> None:

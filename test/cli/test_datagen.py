@@ -5,8 +5,9 @@ import pytest
 
 from neugrasp_ros.cli import datagen
 from neugrasp_ros.datagen import factory
-from neugrasp_ros.errors import ConfigError
+from neugrasp_ros.errors import ConfigError, NeuGraspError
 from neugrasp_ros.model import default_weights
+from sim_bridge.objects import registry
 
 
 def parse(*words):
@@ -27,6 +28,7 @@ def calls(monkeypatch):
         return progress
 
     monkeypatch.setattr(factory, "run_factory", fake)
+    monkeypatch.setattr(registry, "object_set", lambda name: None)
     return seen
 
 
@@ -91,3 +93,14 @@ def test_what_makes_no_sense_is_refused(calls, words, message):
     with pytest.raises(ConfigError, match=message):
         args.run(args)
     assert not calls
+
+
+@pytest.mark.parametrize(
+    ("objects", "words"),
+    [("procedural,nonsense", "unknown object set 'nonsense'"), ("procedural@x", "'x'")],
+)
+def test_an_unknown_set_is_refused_before_the_folder_is_bound(tmp_path, objects, words):
+    args = parse("--out", str(tmp_path / "d"), "--objects", objects)
+    with pytest.raises(NeuGraspError, match=words):
+        args.run(args)
+    assert not (tmp_path / "d").exists()
