@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.benchmark.protocol import Look, Plan
 from neugrasp_ros.benchmark.shots import CUBE
+from neugrasp_ros.config import CPU_NETWORK
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.grasp.types import GraspSet
 
 EXTRA_VOXELS = 42  # of the 64 of a cube: neighbours share the other 22, 10 cm
-VOXELS = 64
+VOXELS = CPU_NETWORK.resolution  # other networks would meet off the middle
 SHIFT = EXTRA_VOXELS / 2 * CUBE / VOXELS  # [m], along x and y
 
 T_WIDE_TASK: NDArray[np.float64] = translation(SHIFT, SHIFT, 0.0)
@@ -26,7 +27,7 @@ T_WIDE_TASK: NDArray[np.float64] = translation(SHIFT, SHIFT, 0.0)
 def moved_look(look: Look) -> Look:
     """Return what a policy may use, in the frame of the large workspace.
 
-    The truth stays in the task frame: the policy that looks there is none of this file.
+    The truth, which only oracles look at, stays in the task frame.
     """
     view = look.view._replace(T_task_camera=T_WIDE_TASK @ look.view.T_task_camera)
     return look._replace(
