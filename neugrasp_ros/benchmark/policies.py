@@ -2,6 +2,7 @@
 """Who chooses the grasps: the network, the floors it must rise above, and oracles."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -36,6 +37,11 @@ def seams_policy(config: PlannerConfig) -> Policy:
         return moved_back(policy(moved_look(look), rng))
 
     return choose
+
+
+def reference_policy(config: PlannerConfig) -> Policy:
+    """Return the network's policy with the paper's renderers: a minute a decision."""
+    return neugrasp_policy(replace(config, renderer="compiled_reference"))
 
 
 def scored_policy(config: PlannerConfig) -> Policy:
@@ -84,6 +90,7 @@ def make_policy(name: str, config: PlannerConfig) -> Policy:
     """
     makers: dict[str, Callable[[PlannerConfig], Policy]] = {
         "neugrasp": neugrasp_policy,
+        "reference": reference_policy,
         "seams": seams_policy,
         "random": random_policy,
         "geometry": geometry_policy,

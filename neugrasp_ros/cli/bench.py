@@ -29,8 +29,8 @@ def add_parser(
     add("--protocol", default="vgn", choices=("vgn", "strict"))
     add(
         "--policy", default="neugrasp", metavar="NAME",
-        help="neugrasp; seams, the same with the scene where four cubes meet; the "
-        "floors random and geometry; or oracle_sampling, oracle_local, "
+        help="neugrasp; reference, the same with the paper's renderers; seams, with "
+        "the scene where four cubes meet; the floors random and geometry; or oracle_sampling, oracle_local, "
         "oracle_surface, which are told the true surface",
     )  # fmt: skip
     add("--rounds", type=int, default=100)

@@ -28,6 +28,7 @@ PALM_MARGIN = 0.015  # [m], seen beyond the open pads by the palm camera
 FINGER_MARGIN = 0.005  # [m], seen beyond the finger's ends by a finger camera
 CROP_AHEAD = 0.005  # [m], kept beyond the pad tips
 CROP_THICKNESS = 0.032  # [m], kept to either side along x
+FULL_SIZE = 64  # [pixel], rows and columns of the paper's cameras
 
 
 class LocalViews(NamedTuple):
@@ -89,18 +90,19 @@ def crop_box(gripper: Gripper, fov: float) -> tuple[FloatArray, FloatArray]:
 
 
 @lru_cache(maxsize=16)
-def _shuffled_rays(
+def _sampled_rays(
     gripper: Gripper, image_size: int, fov: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rays in one fixed random order: the first ones are a sample.
+    """Return an even sample of the paper's rays in one fixed random order.
 
     Returns:
         Origins and directions of those that enter the kept region, shapes (R, 3), and
         where along them it begins and ends, in [m], shape (R, 2).
     """
-    origins, directions = local_rays(gripper, image_size, fov)
-    order = shuffled(len(origins))
-    origins, directions = origins[order], directions[order]
+    full_size = max(FULL_SIZE, image_size)
+    origins, directions = local_rays(gripper, full_size, fov)
+    pixels = sampled_pixels(full_size, image_size)
+    origins, directions = origins[pixels], directions[pixels]
     low, high = crop_box(gripper, fov)
     spans = np.array(
         [
@@ -112,9 +114,24 @@ def _shuffled_rays(
     return origins[enter], directions[enter], spans[enter]
 
 
-def shuffled(count: int) -> NDArray[np.int64]:
-    """Return the fixed random order in which ``count`` rays are cast."""
-    return np.random.default_rng(0).permutation(count)
+def sampled_pixels(full_size: int, kept_size: int) -> NDArray[np.int64]:
+    """Return the pixels of large images nearest to those of small ones.
+
+    Args:
+        full_size: Rows and columns of the large images [pixel].
+        kept_size: The same of the small ones.
+
+    Returns:
+        Indices into the rays of three images, shape (3 * kept_size^2,), in one fixed
+        random order: the first ones are a sample. They mirror into each other where
+        both sizes are even.
+    """
+    ticks = ((np.arange(kept_size) + 0.5) / kept_size * full_size).astype(np.int64)
+    second = np.arange(kept_size) >= kept_size / 2
+    ticks[second] = full_size - 1 - ticks[::-1][second]
+    image = (ticks[:, None] * full_size + ticks).ravel()
+    pixels = np.concatenate([image + camera * full_size**2 for camera in range(3)])
+    return np.asarray(np.random.default_rng(0).permutation(pixels))
 
 
 def render_local_views(
@@ -137,7 +154,8 @@ def render_local_views(
         T_task_grippers: Grasp poses, shape (G, 4, 4).
         gripper: The gripper.
         n_points: Points per grasp, P.
-        image_size: Rows and columns of each camera [pixel].
+        image_size: Each camera casts this many rows and columns of rays, taken evenly
+            from the paper's 64.
         fov: Field of view of the cameras in [rad].
         threads: Worker threads.
 
@@ -147,7 +165,7 @@ def render_local_views(
     poses = np.ascontiguousarray(T_task_grippers, dtype=np.float64)
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
         raise ShapeError("T_task_grippers", "(G, 4, 4)", poses.shape)
-    origins, directions, spans = _shuffled_rays(gripper, image_size, fov)
+    origins, directions, spans = _sampled_rays(gripper, image_size, fov)
     gaps = field.gaps
     points = np.zeros((len(poses), n_points, 3), dtype=np.float32)
     normals = np.zeros_like(points)

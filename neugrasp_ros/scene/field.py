@@ -29,7 +29,7 @@ BoolArray = NDArray[np.bool_]
 FREE_LOGIT = -8.0  # what is not asked because it was seen to be free
 LOGIT_LIMIT = 8.0  # logits are clipped: beyond it interpolation would be lopsided
 MARGIN = 2.0  # [logit]; a coarse cell whose corners are all beyond it is not refined
-SURFACE_MARGIN = 0.1  # [logit]; the same for cells whose resolution is doubled again
+SURFACE_MARGIN = 0.5  # [logit]; the same for cells whose resolution is doubled again
 
 Ask = Callable[[IntArray], Float32Array]
 """Sample indices (N, 3) in, clipped logits (N,) out."""
