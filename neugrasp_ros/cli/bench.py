@@ -30,8 +30,9 @@ def add_parser(
     add(
         "--policy", default="neugrasp", metavar="NAME",
         help="neugrasp; reference, the same with the paper's renderers; seams, with "
-        "the scene where four cubes meet; the floors random and geometry; or oracle_sampling, oracle_local, "
-        "oracle_surface, which are told the true surface",
+        "the scene where four cubes meet; the floors random and geometry; or "
+        "oracle_sampling, oracle_local, oracle_surface, which are told the true "
+        "surface",
     )  # fmt: skip
     add("--rounds", type=int, default=100)
     add("--probes", type=int, help="scenes asked about each class; default --rounds")
