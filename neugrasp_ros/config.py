@@ -99,9 +99,12 @@ class NetworkConfig(Checked):
     part_head: bool = option(
         False, "Learn also what the part at every surface point affords"
     )
+    context: int = option(
+        0, "Features of the surroundings for the affordance head; 0 = none", 0, 512
+    )
 
     def __post_init__(self) -> None:
-        """Check every field, and that a part head has classes.
+        """Check every field, and that a part head or context has classes.
 
         Raises:
             ConfigError: Naming the field, the value and what is allowed.
@@ -109,6 +112,8 @@ class NetworkConfig(Checked):
         super().__post_init__()
         if self.part_head and not self.affordances:
             raise ConfigError("part_head needs affordances, got none")
+        if self.context and not self.affordances:
+            raise ConfigError("context needs affordances, got none")
 
 
 CPU_NETWORK = NetworkConfig()
@@ -187,7 +192,9 @@ class TrainConfig(Checked):
     """One training stage: what is trained, on how much, and how fast."""
 
     stage: str = option(
-        "occupancy", "What is trained", choices=("occupancy", "quality", "joint")
+        "occupancy",
+        "What is trained",
+        choices=("occupancy", "quality", "joint", "context"),
     )
     steps: int = option(4000, "Optimiser steps", 1, 10_000_000)
     scenes_per_step: int = option(8, "Scenes that share one step", 1, 1024)

@@ -17,6 +17,7 @@ from neugrasp_ros.config import NetworkConfig, override
 from neugrasp_ros.errors import CheckpointError, NeuGraspError
 from neugrasp_ros.grasp.pointnet import DETECTORS
 from neugrasp_ros.resources import weights_dir
+from neugrasp_ros.scene.context import ContextNet
 from neugrasp_ros.scene.network import SceneNetwork
 
 FORMAT = "neugrasp-1"
@@ -50,6 +51,7 @@ class GraspNetwork(nn.Module):
             self.register_buffer("affordance_calibration", same)
         if config.part_head:
             self.parts = nn.Linear(3 * config.channels, len(config.affordances))
+        self.context = ContextNet(config) if config.context else None
 
     def probability(self, quality_logits: Tensor) -> Tensor:
         """Turn quality logits into calibrated probabilities (Platt scaling)."""
@@ -142,11 +144,13 @@ def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
 def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     """Take over the weights of a file; what it lacks stays as it is.
 
-    Weights of a network without affordance heads start one that has them.
+    Weights of a network without affordance heads start one that has them. Those of one
+    without context start one with it: what its affordance head reads besides has no
+    say in the beginning.
 
     Args:
         network: Changed in place.
-        path: A weights file of the same shape, apart from heads.
+        path: A weights file of the same shape, apart from heads and context.
 
     Returns:
         Names of the tensors that the file does not have.
@@ -157,6 +161,8 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     """
     source, _ = load_network(path)
     tensors, own = source.state_dict(), network.state_dict()
+    if network.config.context and not source.config.context:
+        tensors = {k: _widened(k, v, own.get(k)) for k, v in tensors.items()}
     wrong = sorted(
         k for k, v in tensors.items() if k not in own or own[k].shape != v.shape
     )
@@ -166,6 +172,16 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
         )
     network.load_state_dict(tensors, strict=False)
     return tuple(sorted(set(own) - set(tensors)))
+
+
+def _widened(key: str, tensor: Tensor, own: Tensor | None) -> Tensor:
+    """Return the affordance head's first layer with zeros for the inputs it lacked."""
+    if own is None or not key.startswith("detector.affordance.points."):
+        return tensor
+    if tensor.dim() != 2 or own.shape[0] != tensor.shape[0]:
+        return tensor
+    more = own.shape[1] - tensor.shape[1]
+    return nn.functional.pad(tensor, (0, more)) if more > 0 else tensor
 
 
 def _mapping(metadata: dict[str, str], key: str, path: Path) -> dict[str, Any]:

@@ -223,6 +223,22 @@ def test_weights_without_heads_start_a_network_that_has_them(tmp_path):
         assert torch.equal(value, expected), key
 
 
+def test_weights_without_context_begin_one_with_it_as_they_were(network, weights):
+    new = GraspNetwork(replace(SMALL, context=4)).eval()
+    fresh = warm_start(new, weights)
+    assert fresh
+    assert all(key.startswith("context.") for key in fresh)
+    torch.manual_seed(0)
+    points, tokens = torch.randn(3, 5, POINT_FEATURES), torch.randn(3, TOKEN_FEATURES)
+    planes, context = torch.randn(3, 5, 12), torch.randn(3, 5, 6)
+    for old, now in zip(
+        network.detector(points, tokens, planes),
+        new.detector(points, tokens, planes, context),
+        strict=True,
+    ):
+        torch.testing.assert_close(now, old)
+
+
 @pytest.mark.parametrize(
     ("change", "key"),
     [({"channels": 8}, "scene.encoder"), ({"affordances": ()}, "detector.affordance")],

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from neugrasp_ros.config import TrainConfig
 
+CONTEXT = 32  # features of the surroundings that the affordance head reads
+
 
 def add_parser(
     subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
@@ -70,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(
             "train needs --data and --tune (`neugrasp datagen`), or --smoke"
         )
+    stages = _stages(args)
     network = PAPER_NETWORK if args.network == "paper" else CPU_NETWORK
     card = train(
         TrainingRun(
@@ -81,9 +84,10 @@ def run(args: argparse.Namespace) -> int:
                 network,
                 affordances=AFFORDANCE_NAMES,
                 part_head=True,
+                context=CONTEXT if "context" in {s.stage for s in stages} else 0,
                 local_view=args.local_view,
             ),
-            stages=_stages(args),
+            stages=stages,
             workers=args.workers,
             start=args.start,
             keep=args.keep,

@@ -12,6 +12,7 @@ from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
 from neugrasp_ros.grasp.pooling import run_maxima
 from neugrasp_ros.registry import Registry
+from neugrasp_ros.scene.context import context_width
 
 DETECTORS: Registry[type[nn.Module]] = Registry("detector")
 DECODERS: Registry[type[nn.Module]] = Registry("decoder")
@@ -65,7 +66,8 @@ class PointNet(nn.Module):
 class NeuGraspDetector(nn.Module):
     """Quality and affordances from the local surface, with shared plane features.
 
-    Quality and affordances have a point decoder each, on the same inputs.
+    Quality and affordances have a point decoder each, on the same inputs; that of the
+    affordances reads the context too, if the network has one.
 
     Args:
         config: The network's shape.
@@ -79,10 +81,15 @@ class NeuGraspDetector(nn.Module):
         inputs = POINT_FEATURES + (READ_WIDTH if shared else 0)
         self.quality = _Head(inputs, 1, config)
         n_classes = len(config.affordances)
-        self.affordance = _Head(inputs, n_classes, config) if n_classes else None
+        wider = inputs + context_width(config)
+        self.affordance = _Head(wider, n_classes, config) if n_classes else None
 
     def forward(
-        self, point_features: Tensor, tokens: Tensor, plane_features: Tensor
+        self,
+        point_features: Tensor,
+        tokens: Tensor,
+        plane_features: Tensor,
+        context: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Score grasps.
 
@@ -90,6 +97,7 @@ class NeuGraspDetector(nn.Module):
             point_features: Shape (G, P, POINT_FEATURES).
             tokens: Shape (G, TOKEN_FEATURES).
             plane_features: Plane features at the points, shape (G, P, 3 * C).
+            context: What ``ContextNet.read`` says of them, shape (G, P, K).
 
         Returns:
             Quality logits (G,) and affordance logits (G, A).
@@ -97,7 +105,7 @@ class NeuGraspDetector(nn.Module):
         points = point_features
         if self.read is not None:
             points = torch.cat([points, self.read(plane_features).relu()], dim=-1)
-        return self._decided(points, tokens, None)
+        return self._decided(points, tokens, None, context)
 
     @property
     def takes_runs(self) -> bool:
@@ -105,7 +113,11 @@ class NeuGraspDetector(nn.Module):
         return isinstance(self.quality.points, PointNet)
 
     def score_runs(
-        self, points: Tensor, counts: NDArray[np.int64], tokens: Tensor
+        self,
+        points: Tensor,
+        counts: NDArray[np.int64],
+        tokens: Tensor,
+        context: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Score grasps on a CPU by folded layers, as many points each as it has.
 
@@ -114,18 +126,25 @@ class NeuGraspDetector(nn.Module):
                 asked for, shape (N, F).
             counts: Points of each grasp, shape (G,).
             tokens: Shape (G, TOKEN_FEATURES).
+            context: As of ``forward``, shape (N, K).
 
         Returns:
             As ``forward``.
         """
-        return self._decided(points, tokens, counts)
+        return self._decided(points, tokens, counts, context)
 
     def _decided(
-        self, points: Tensor, tokens: Tensor, counts: NDArray[np.int64] | None
+        self,
+        points: Tensor,
+        tokens: Tensor,
+        counts: NDArray[np.int64] | None,
+        context: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
         quality = self.quality(points, tokens, counts)[:, 0]
         if self.affordance is None:
             return quality, quality.new_zeros(len(quality), 0)
+        if context is not None:
+            points = torch.cat([points, context], dim=-1)
         return quality, self.affordance(points, tokens, counts)
 
 

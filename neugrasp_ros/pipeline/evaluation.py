@@ -63,7 +63,7 @@ class Evaluator:
     ) -> None:
         self._network, self._gripper, self._config = network, gripper, config
         self._threads = threads
-        self._scorer = Scorer(network)
+        self._scorer = Scorer(network, threads)
 
     def reference(self, scene: EncodedScene) -> NetworkOccupancy:
         """Return a scene of one cube as the reference renderer asks it."""

@@ -8,14 +8,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.utils.fusion import fuse_linear_bn_eval
+from torch.nn.utils.fusion import fuse_conv_bn_eval, fuse_linear_bn_eval
 
 from neugrasp_ros.grasp.ablation import RENDERED
 from neugrasp_ros.grasp.inputs import LocalInputs
 from neugrasp_ros.grasp.pointnet import NeuGraspDetector
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.pipeline.scenes import EncodedScene
+from neugrasp_ros.scene.cubes import cut
+from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.scene.grid_decoder import read_projected
+from neugrasp_ros.scene.workers import shared, torch_threads
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -32,18 +35,24 @@ class Scorer:
 
     Args:
         network: The network, in evaluation mode; it is not changed.
+        threads: Worker threads.
     """
 
-    def __init__(self, network: GraspNetwork) -> None:
+    def __init__(self, network: GraspNetwork, threads: int = 1) -> None:
         self._network = network
+        self._threads = threads
         self._detector: Any = fold_batch_norms(network.detector)
+        self._context: Any = network.context and fold_batch_norms(network.context)
         self._tables: tuple[EncodedScene, list[Float32Array]] | None = None
+        self._grids: tuple[EncodedScene, list[Tensor]] | None = None
 
     @torch.no_grad()
     def prepare(self, scene: EncodedScene) -> None:
         """Do what is done once per scene; before several threads score its grasps."""
         if self._works_on_runs(scene) and self._detector.read is not None:
             self._projected(scene)
+        if self._context is not None:
+            self._surroundings(scene)
 
     def __call__(
         self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
@@ -83,9 +92,13 @@ class Scorer:
         device = scene.planes.device
         points = torch.from_numpy(inputs.point_features).to(device)
         tokens = torch.from_numpy(inputs.tokens).to(device)
-        logits: tuple[Tensor, Tensor] = self._detector(
-            points, tokens, self._features(scene, inputs, cubes)
-        )
+        known = [points, tokens, self._features(scene, inputs, cubes)]
+        if self._context is not None:
+            n_points = inputs.points_task.shape[1]
+            where = inputs.points_task.reshape(-1, 3)
+            read = self._around(scene, where, np.repeat(cubes, n_points))
+            known.append(read.unflatten(0, (-1, n_points)))
+        logits: tuple[Tensor, Tensor] = self._detector(*known)
         return logits
 
     def _score_runs(
@@ -98,15 +111,52 @@ class Scorer:
             counts[:] = n_points
         kept = np.arange(n_points) < counts[:, None]
         points = torch.from_numpy(inputs.point_features[kept])
+        where, owners = inputs.points_task[kept], np.repeat(cubes, counts)
         if self._detector.read is not None:
-            where = inputs.points_task[kept]
-            read = self._read(scene, where, np.repeat(cubes, counts))
+            read = self._read(scene, where, owners)
             points = torch.cat([points, read.relu_()], dim=1)
+        around = None
+        if self._context is not None:
+            around = self._around(scene, where, owners)
         tokens = torch.from_numpy(inputs.tokens)
         logits: tuple[Tensor, Tensor] = self._detector.score_runs(
-            points, counts, tokens
+            points, counts, tokens, around
         )
         return logits
+
+    def _around(
+        self, scene: EncodedScene, points: Float32Array, cubes: NDArray[np.int64]
+    ) -> Tensor:
+        """Return what the context says of points (N, 3), (N, K)."""
+        grids = self._surroundings(scene)
+        out = torch.zeros(0)
+        for cube in np.unique(cubes):
+            rows = torch.from_numpy(np.flatnonzero(cubes == cube))
+            local = scene.in_cube(cube, points[rows.numpy()]).astype(np.float32)
+            query = torch.from_numpy(local).to(grids[cube].device)[None]
+            read = self._context.read(grids[cube], query)[0]
+            if not len(out):
+                out = read.new_zeros((len(points), read.shape[1]))
+            out[rows] = read
+        return out
+
+    def _surroundings(self, scene: EncodedScene) -> list[Tensor]:
+        """Return each cube's feature grid of the context, (1, C, R, R, L)."""
+        if self._grids is None or self._grids[0] is not scene:
+
+            def see(corner: NDArray[np.int64]) -> Tensor:
+                part = cut(scene.volume.distances, corner, scene.cube_voxels)
+                volume = torch.from_numpy(volume_channels(part))[None]
+                grid: Tensor = self._context(volume.to(scene.planes.device))
+                return grid
+
+            if len(scene.corners) == 1:
+                with torch_threads(self._threads):
+                    grids = [see(scene.corners[0])]
+            else:
+                grids = shared(see, list(scene.corners), self._threads)
+            self._grids = (scene, grids)
+        return self._grids[1]
 
     def _read(
         self, scene: EncodedScene, points: Float32Array, cubes: NDArray[np.int64]
@@ -149,13 +199,14 @@ class Scorer:
 
 
 def fold_batch_norms(module: nn.Module) -> nn.Module:
-    """Return a copy whose linear layers do what the normalisation after them did."""
-    module = copy.deepcopy(module).eval()
-    for parent in list(module.modules()):
-        for name, child in list(parent.named_children()):
-            if isinstance(child, nn.Sequential):
-                setattr(parent, name, _folded(child))
-    return module
+    """Return a copy whose layers do what the normalisation after them did."""
+    return _fold(copy.deepcopy(module).eval())
+
+
+def _fold(module: nn.Module) -> nn.Module:
+    for name, child in list(module.named_children()):
+        setattr(module, name, _fold(child))
+    return _folded(module) if isinstance(module, nn.Sequential) else module
 
 
 def _folded(layers: nn.Sequential) -> nn.Sequential:
@@ -163,6 +214,8 @@ def _folded(layers: nn.Sequential) -> nn.Sequential:
     for layer in layers:
         if isinstance(layer, nn.BatchNorm1d) and isinstance(kept[-1], nn.Linear):
             kept[-1] = fuse_linear_bn_eval(kept[-1], layer)
+        elif isinstance(layer, nn.BatchNorm2d) and isinstance(kept[-1], nn.Conv2d):
+            kept[-1] = fuse_conv_bn_eval(kept[-1], layer)
         elif isinstance(layer, nn.ReLU) and kept and isinstance(kept[-1], nn.Linear):
             kept.append(nn.ReLU(inplace=True))  # nobody else has the layer's result
         else:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.errors import ShardError
 from neugrasp_ros.training.views import (
+    EDGE,
     ViewRange,
     object_scene,
     quantise,
@@ -21,7 +22,10 @@ from neugrasp_ros.training.views import (
     sample_occupancy,
     table_scene,
 )
-from sim_bridge.scene import Scene
+from sim_bridge.objects.affordance import SET_NAME as AFFORDANCE_SET
+from sim_bridge.objects.grasp_labels import scene_class_points
+from sim_bridge.objects.model import PointLabels
+from sim_bridge.scene import Scene, placed_model
 
 POINT_SCALE = 65535.0  # quantisation of coordinates in [0, 1]: 5 um in a 30 cm cube
 
@@ -35,12 +39,16 @@ class SceneEntry:
         cameras: Camera poses ``T_task_camera`` of the views, shape (V, 4, 4).
         points: Occupancy points in units of the edge times 65535, shape (N, 3).
         occupied: Their labels, shape (N,).
+        part_points: Points on labelled objects, scaled like ``points``, shape (M, 3).
+        part_classes: What the part at each affords, 0 or 1, shape (M, A).
     """
 
     volumes: NDArray[np.int8]
     cameras: NDArray[np.float64]
     points: NDArray[np.uint16]
     occupied: NDArray[np.bool_]
+    part_points: NDArray[np.uint16]
+    part_classes: NDArray[np.uint8]
 
 
 def render_entry(
@@ -50,6 +58,7 @@ def render_entry(
     *,
     n_views: int = 3,
     n_points: int = 8192,
+    n_part_points: int = 4096,
 ) -> SceneEntry:
     """Render a scene for training.
 
@@ -59,17 +68,34 @@ def render_entry(
         rng: Source of randomness.
         n_views: Views of the scene.
         n_points: Occupancy points, shared by the views.
+        n_part_points: Points on labelled objects at most, shared as well.
     """
     seen = table_scene(scene)
     cameras = np.stack([random_camera(views, rng) for _ in range(n_views)])
     volumes = [quantise(render_volume(seen, camera, views, rng)) for camera in cameras]
     samples = sample_occupancy(object_scene(scene), n_points, rng)
+    parts = _labelled_points(scene, rng)
+    rows = rng.permutation(len(parts.points))[:n_part_points]
     return SceneEntry(
         np.stack(volumes),
         cameras,
         np.round(samples.points * POINT_SCALE).astype(np.uint16),
         samples.occupied,
+        np.round(parts.points[rows] / EDGE * POINT_SCALE).astype(np.uint16),
+        parts.classes[rows].astype(np.uint8),
     )
+
+
+def _labelled_points(scene: Scene, rng: np.random.Generator) -> PointLabels:
+    """Return points on the scene's labelled objects, within the cube."""
+    items = [item for item in scene.objects if item.set_name == AFFORDANCE_SET]
+    found = scene_class_points(
+        [placed_model(item) for item in items],
+        [item.T_task_object for item in items],
+        rng,
+    )
+    inside = ((found.points >= 0) & (found.points <= EDGE)).all(axis=1)
+    return PointLabels(found.points[inside], found.classes[inside])
 
 
 def save_entry(entry: SceneEntry, path: Path) -> None:
@@ -82,6 +108,8 @@ def save_entry(entry: SceneEntry, path: Path) -> None:
             cameras=entry.cameras,
             points=entry.points,
             occupied=np.packbits(entry.occupied),
+            part_points=entry.part_points,
+            part_classes=entry.part_classes,
         )
     os.replace(part, path)
 
@@ -100,6 +128,8 @@ def load_entry(path: Path) -> SceneEntry:
                 file["cameras"],
                 points,
                 np.unpackbits(file["occupied"], count=len(points)).astype(bool),
+                file["part_points"],
+                file["part_classes"],
             )
     except (KeyError, ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
         raise ShardError(f"{path}: not a whole scene entry ({error})") from error

@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -17,6 +18,8 @@ from neugrasp_ros.scene.network import SceneNetwork
 from neugrasp_ros.training.cache import POINT_SCALE, SceneEntry, entry_paths, load_entry
 from neugrasp_ros.training.device import device_of, moved
 from neugrasp_ros.training.views import dequantise
+
+Voxel = TypeVar("Voxel", bound=np.generic)
 
 RESCAN_STEPS = 100  # how often new entries of the cache are looked for
 
@@ -36,7 +39,7 @@ class OccupancyBatch:
     occupied: Tensor
 
 
-def turn_volume(volume: NDArray[np.float32], turn: int) -> NDArray[np.float32]:
+def turn_volume(volume: NDArray[Voxel], turn: int) -> NDArray[Voxel]:
     """Turn a volume (..., X, Y, Z) by one of the eight symmetries about z.
 
     Args:

@@ -25,20 +25,29 @@ from neugrasp_ros.training.occupancy import OccupancyStage
 
 
 def grasp_logits(
-    network: GraspNetwork, planes: Tensor, batch: GraspBatch
+    network: GraspNetwork,
+    planes: Tensor,
+    batch: GraspBatch,
+    grid: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Score a batch's grasps with the planes (B, 3, C, R, R) of its scenes.
+
+    Args:
+        network: The network.
+        planes: The scenes' planes.
+        batch: The grasps.
+        grid: What the network's context makes of the scenes; made here otherwise.
 
     Returns:
         Quality logits (B * K,) and affordance logits (B * K, A).
     """
     features = network.scene.features(planes, batch.points)
     shape = batch.point_features.shape[:2]
-    logits: tuple[Tensor, Tensor] = network.detector(
-        batch.point_features,
-        batch.tokens,
-        features.reshape(*shape, features.shape[-1]),
-    )
+    known = [batch.point_features, batch.tokens, features.reshape(*shape, -1)]
+    if network.context is not None:
+        grid = network.context(batch.volumes) if grid is None else grid
+        known.append(network.context.read(grid, batch.points).reshape(*shape, -1))
+    logits: tuple[Tensor, Tensor] = network.detector(*known)
     return logits
 
 

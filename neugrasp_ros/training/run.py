@@ -18,6 +18,7 @@ from neugrasp_ros.model import GraspNetwork, file_sha256, save_network, warm_sta
 from neugrasp_ros.training.batches import GraspCache
 from neugrasp_ros.training.cache import render_entry, save_entry
 from neugrasp_ros.training.calibration import calibrate
+from neugrasp_ros.training.context import ContextStage
 from neugrasp_ros.training.device import training_device
 from neugrasp_ros.training.distributed import (
     first_on_machine,
@@ -75,6 +76,10 @@ DEFAULT_STAGES = (
         stage="joint", steps=1500, scenes_per_step=4, learning_rate=5e-4,
         constant_share=0.4,
     ),
+    TrainConfig(
+        stage="context", steps=12_000, scenes_per_step=4, grasps_per_scene=16,
+        learning_rate=3e-3, weight_decay=1e-2, constant_share=0.3,
+    ),
 )  # fmt: skip
 
 
@@ -114,6 +119,8 @@ def _run_stages(
             render_scenes(scenes, run.folder / "scenes", run.workers)
             render_scenes(tune, run.folder / "tune_scenes", run.workers)
     for config in run.stages:
+        if config.stage == "context" and network.context is None:
+            continue
         torch.set_num_threads(config.threads or torch.get_num_threads())
         train_stage(
             network, config, run.folder, scenes, workers=run.workers, keep=run.keep
@@ -153,7 +160,7 @@ def _new_network(run: TrainingRun, scenes: Sequence[SceneLabels]) -> GraspNetwor
     known = sum(int(known_affordances(labels).sum()) for labels in scenes)
     if config.affordances and not known:
         LOGGER.info("no scene has affordance labels: the heads are left out")
-        config = replace(config, affordances=(), part_head=False)
+        config = replace(config, affordances=(), part_head=False, context=0)
     network = GraspNetwork(config)
     if run.start is not None:
         fresh = warm_start(network, run.start)
@@ -201,7 +208,13 @@ def train_stage(
         quality = QualityStage(network, grasps, config)
         optimise(network.detector, quality, config, out, keep)
         return
-    occupancy = OccupancyStage(network.scene, SceneCache(folder / "scenes"), config)
+    rendered = SceneCache(folder / "scenes")
+    if config.stage == "context":
+        context = ContextStage(network, grasps, rendered, config)
+        optimise(network, context, config, out, keep)
+        network.requires_grad_(True)
+        return
+    occupancy = OccupancyStage(network.scene, rendered, config)
     joint = JointStage(network, grasps, config, occupancy)
     optimise(network, joint, config, out, keep)
 

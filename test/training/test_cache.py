@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,8 @@ def some_entry(seed: int = 0, points: int = 37) -> SceneEntry:
         np.tile(np.eye(4), (2, 1, 1)),
         rng.integers(0, int(POINT_SCALE) + 1, (points, 3)).astype(np.uint16),
         rng.random(points) < 0.3,
+        rng.integers(0, int(POINT_SCALE) + 1, (5, 3)).astype(np.uint16),
+        rng.integers(0, 2, (5, 7)).astype(np.uint8),
     )
 
 
@@ -26,8 +30,8 @@ def test_an_entry_comes_back_as_it_was(tmp_path):
     entry, path = some_entry(), tmp_path / "0.npz"
     save_entry(entry, path)
     loaded = load_entry(path)
-    for name in ("volumes", "cameras", "points", "occupied"):
-        kept, now = getattr(entry, name), getattr(loaded, name)
+    for field in fields(SceneEntry):
+        kept, now = getattr(entry, field.name), getattr(loaded, field.name)
         assert now.dtype == kept.dtype
         np.testing.assert_array_equal(now, kept)
 

@@ -50,6 +50,8 @@ def ball_entry(seed: int) -> SceneEntry:
         np.eye(4)[None],
         np.round(points * POINT_SCALE).astype(np.uint16),
         np.linalg.norm(points - center, axis=1) < 0.22,
+        np.zeros((0, 3), dtype=np.uint16),
+        np.zeros((0, 7), dtype=np.uint8),
     )
 
 

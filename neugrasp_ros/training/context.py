@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Last stage: what things are, for the affordance head alone.
+
+The rest of the network stays as it is, so what it says of success does too. Most of
+what is learned comes from points on labelled objects, of which a scene without any
+physics has thousands; the head learns on the grasps.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from neugrasp_ros.config import TrainConfig
+from neugrasp_ros.errors import ConfigError, EmptySceneError
+from neugrasp_ros.model import GraspNetwork
+from neugrasp_ros.scene.encoder import volume_channels
+from neugrasp_ros.training.batches import GraspCache, make_batch
+from neugrasp_ros.training.cache import POINT_SCALE, SceneEntry
+from neugrasp_ros.training.device import device_of, moved
+from neugrasp_ros.training.grasps import LOCAL_NOISE, NOT_KNOWN, GraspEntry
+from neugrasp_ros.training.losses import affordance_loss, known_entropy
+from neugrasp_ros.training.occupancy import SceneCache, turn_points, turn_volume
+from neugrasp_ros.training.quality import grasp_logits
+from neugrasp_ros.training.views import EDGE, UNKNOWN, dequantise
+
+POINTS_PER_SCENE = 768
+MOVED = 5  # a scene is moved by at most as many voxels along x and y
+TURNS = 8  # symmetries of ``turn_volume``
+
+IntArray = NDArray[np.int64]
+
+
+class ContextStage:
+    """The losses of parts and of affordances, on scenes turned and moved at random.
+
+    Args:
+        network: The network; of it only the context and the affordance head learn.
+        grasps: Grasp entries; those that know of no affordance are left out.
+        scenes: Scene entries; those without labelled points are left out.
+        config: Batch sizes and weights.
+
+    Raises:
+        ConfigError: If the network has no context.
+        EmptySceneError: If nothing is labelled.
+    """
+
+    def __init__(
+        self,
+        network: GraspNetwork,
+        grasps: GraspCache,
+        scenes: SceneCache,
+        config: TrainConfig,
+    ) -> None:
+        if network.context is None:
+            raise ConfigError("the stage 'context' needs a network with context")
+        self._network, self._config = network, config
+        self._context = network.context
+        self._grasps = [entry for entry in map(_known, grasps.entries) if entry]
+        named = [scenes[name] for name in scenes.names]
+        self._scenes = [entry for entry in named if len(entry.part_points)]
+        if not self._grasps or not self._scenes:
+            raise EmptySceneError("no scene has grasps or points of labelled objects")
+        network.eval().requires_grad_(False)
+        detector: Any = network.detector
+        for part in (network.context, detector.affordance):
+            part.train().requires_grad_(True)
+
+    def __call__(self, step: int) -> dict[str, Tensor]:
+        """Return the losses of a step; its batch depends on the seed and the step."""
+        network, config = self._network, self._config
+        rng = np.random.default_rng([config.seed, step, 2])
+        size = config.scenes_per_step
+        chosen = rng.integers(len(self._grasps), size=size)
+        turns = rng.integers(TURNS, size=size)
+        shifts = rng.integers(-MOVED, MOVED + 1, size=(size, 2))
+        entries = [
+            turned_entry(self._grasps[i], turn, shift)
+            for i, turn, shift in zip(chosen, turns, shifts, strict=True)
+        ]
+        device = device_of(network)
+        drawn = make_batch(entries, config.grasps_per_scene, rng)
+        batch = moved(drawn, device)
+        volumes, points, classes = (t.to(device) for t in self._parts(rng))
+        grid = self._context(torch.cat([batch.volumes, volumes]))
+        with torch.no_grad():
+            planes = network.scene.encode(batch.volumes)
+        _, logits = grasp_logits(network, planes, batch, grid[:size])
+        near = self._told(grid[:size], batch.local_points)
+        parts = known_entropy(near, batch.local_classes, batch.local_known)
+        everywhere = torch.ones(points.shape[:2], dtype=torch.bool, device=device)
+        parts = parts + known_entropy(
+            self._told(grid[size:], points), classes, everywhere
+        )
+        loss = affordance_loss(logits, batch.affordances, batch.known)
+        return {
+            "affordance": config.w_affordance * loss,
+            "parts": config.w_parts * parts,
+        }
+
+    def _told(self, grid: Tensor, points: Tensor) -> Tensor:
+        return self._context.part_logits(self._context.features(grid, points), points)
+
+    def _parts(self, rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor]:
+        """Draw scenes (B, 3, D, D, D), points (B, N, 3) and classes (B, N, A)."""
+        volumes, points, classes = [], [], []
+        for number in rng.integers(
+            len(self._scenes), size=self._config.scenes_per_step
+        ):
+            entry: SceneEntry = self._scenes[number]
+            turn, shift = int(rng.integers(TURNS)), rng.integers(-MOVED, MOVED + 1, 2)
+            view = entry.volumes[rng.integers(len(entry.volumes))]
+            rows = rng.integers(len(entry.part_points), size=POINTS_PER_SCENE)
+            where = entry.part_points[rows].astype(np.float32) / np.float32(POINT_SCALE)
+            where = turn_points(where, turn) + _step(shift, len(view))
+            noise = rng.normal(0, LOCAL_NOISE / EDGE, where.shape)
+            volumes.append(_seen(moved_volume(turn_volume(view, turn), shift)))
+            points.append((where + noise).astype(np.float32))
+            classes.append(entry.part_classes[rows].astype(np.float32))
+        return (
+            torch.from_numpy(np.stack(volumes)),
+            torch.from_numpy(np.stack(points)),
+            torch.from_numpy(np.stack(classes)),
+        )
+
+
+def turned_entry(entry: GraspEntry, turn: int, shift: IntArray) -> GraspEntry:
+    """Turn what was seen as of ``turn_volume``, then move it.
+
+    Grasps keep what is in their own frames: mirrored scenes go with unmirrored hands,
+    which ``make_batch`` mirrors at random.
+
+    Args:
+        entry: One view and its grasps.
+        turn: The symmetry.
+        shift: Along x and y in [voxel], shape (2,).
+    """
+    size = len(entry.volume)
+
+    def carried(points: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        scaled = points.astype(np.float32) / np.float32(POINT_SCALE)
+        there = turn_points(scaled, turn) + _step(shift, size)
+        return np.round(np.clip(there, 0, 1) * POINT_SCALE).astype(np.uint16)
+
+    return replace(
+        entry,
+        volume=moved_volume(turn_volume(entry.volume, turn), shift),
+        points=carried(entry.points),
+        local_points=carried(entry.local_points),
+    )
+
+
+def moved_volume(volume: NDArray[np.int8], shift: IntArray) -> NDArray[np.int8]:
+    """Move a quantised volume along x and y; what comes in was never observed.
+
+    Args:
+        volume: Shape (D, D, D).
+        shift: In [voxel], shape (2,).
+    """
+    out = np.full_like(volume, UNKNOWN)
+    size = len(volume)
+    (to_x, from_x), (to_y, from_y) = (_spans(int(step), size) for step in shift)
+    out[to_x, to_y] = volume[from_x, from_y]
+    return out
+
+
+def _spans(step: int, size: int) -> tuple[slice, slice]:
+    """Return where an axis is written and read to move it by a step."""
+    ahead, back = max(step, 0), max(-step, 0)
+    return slice(ahead, size - back), slice(back, size - ahead)
+
+
+def _step(shift: IntArray, size: int) -> NDArray[np.float32]:
+    return np.array([shift[0] / size, shift[1] / size, 0.0], dtype=np.float32)
+
+
+def _seen(volume: NDArray[np.int8]) -> NDArray[np.float32]:
+    return volume_channels(dequantise(volume))
+
+
+def _known(entry: GraspEntry) -> GraspEntry | None:
+    """Return an entry with the grasps alone whose affordances are known."""
+    rows = np.flatnonzero((entry.affordances != NOT_KNOWN).all(axis=1))
+    if not len(rows):
+        return None
+    return replace(
+        entry,
+        points=entry.points[rows],
+        point_features=entry.point_features[rows],
+        tokens=entry.tokens[rows],
+        labels=entry.labels[rows],
+        judged=entry.judged[rows],
+        tried=entry.tried[rows],
+        affordances=entry.affordances[rows],
+        poses=entry.poses[rows],
+    )
