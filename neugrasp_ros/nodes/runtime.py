@@ -26,10 +26,11 @@ PROFILE_VARIABLES = (
     "FASTDDS_DEFAULT_PROFILES_FILE",
 )
 NO_TUNING = "NEUGRASP_NO_TUNING"
-MALLOPT = {  # glibc: option -> bytes; keeps megabyte messages off mmap
+MALLOPT = {  # glibc: option -> value; keeps megabyte messages off mmap
     -3: 32 << 20,  # M_MMAP_THRESHOLD
     -1: 256 << 20,  # M_TRIM_THRESHOLD
     -2: 64 << 20,  # M_TOP_PAD
+    -8: 2,  # M_ARENA_MAX: memory that one thread frees serves the others
 }
 SWITCH_INTERVAL = 0.0005  # [s] that a thread may run while another wants to
 SPIN_PERIOD = 0.1  # [s] between two looks whether to stop
