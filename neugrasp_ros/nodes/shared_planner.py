@@ -47,6 +47,9 @@ class Planner(Protocol):
     def contacts(self, scene: Any, grasps: GraspSet) -> FloatArray:
         """Return the expected contacts of grasps (G, 2, 3), NaN = none."""
 
+    def prepare(self, scene: Any) -> None:
+        """Do what scores need once per scene."""
+
     def evaluate(
         self, scene: Any, grasps: GraspSet, *, support_height: float
     ) -> GraspSet:

@@ -76,6 +76,12 @@ class Evaluator:
             compiled=None if literal else scene.occupancies[0],
         )
 
+    def prepare(self, scene: EncodedScene) -> None:
+        """Do what is done once per scene, whatever its grasps are."""
+        if len(scene.corners):
+            with torch_threads(1):
+                self._scorer.prepare(scene)
+
     def evaluate(
         self,
         scene: EncodedScene,
@@ -102,8 +108,7 @@ class Evaluator:
             return []
         if not len(scene.corners):
             return [self._worthless(len(grasps))]
-        with torch_threads(1):
-            self._scorer.prepare(scene)
+        self.prepare(scene)
         n_batches = min(len(grasps), _batches(len(grasps), self._threads))
         batches = np.array_split(np.arange(len(grasps)), n_batches)
 

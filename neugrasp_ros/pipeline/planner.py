@@ -27,6 +27,7 @@ from neugrasp_ros.pipeline.scenes import (
     EncodeSettings,
     RenderedScene,
     encode_scene,
+    same_volume,
 )
 from neugrasp_ros.scene.reference import NetworkOccupancy, render_reference
 from neugrasp_ros.scene.rendering import render_surface, trace_surface
@@ -36,7 +37,6 @@ FloatArray = NDArray[np.float64]
 Box = tuple[FloatArray, FloatArray]
 
 DEFAULT_SUPPORT_HEIGHT = 0.05  # [m], where the cube's support plane is put
-ROUNDING = 1e-6  # share of a voxel's edge by which copies of a volume may differ
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class GraspPlanner:
         with self._lock:
             known = self._known.scene if self._known else None
             if known is not None and known.revision == revision:
-                if known.volume is volume or _equal(known.volume, volume):
+                if known.volume is volume or same_volume(known.volume, volume):
                     return known
             self.timings.pop("encoding", None)
             with self._timed("encoding"):
@@ -273,6 +273,11 @@ class GraspPlanner:
                 scene.field, grasps.poses, self.gripper, threads=self._threads
             )
 
+    def prepare(self, scene: EncodedScene) -> None:
+        """Do what scores need once per scene, before there are grasps."""
+        with self._lock, self._timed("encoding"):
+            self._evaluator.prepare(scene)
+
     def evaluate(
         self,
         scene: EncodedScene,
@@ -311,6 +316,8 @@ class GraspPlanner:
         with self._lock:
             scores = self._about(scene).scores
             rows = scores.missing(grasps, support_height)
+            if len(rows):
+                self.prepare(scene)
             start, new = time.perf_counter(), grasps.take(rows)
             found = self._evaluator.evaluate(scene, new, support_height, deadline)
             for part in found:
@@ -387,10 +394,3 @@ class GraspPlanner:
 def use_threads(count: int) -> None:
     """Let the networks of this process use ``count`` threads."""
     torch.set_num_threads(count)
-
-
-def _equal(a: TsdfVolume, b: TsdfVolume) -> bool:
-    """Compare volumes; a message rounds the voxel size to single precision."""
-    return abs(a.voxel_size - b.voxel_size) <= ROUNDING * a.voxel_size and bool(
-        np.array_equal(a.distances, b.distances, equal_nan=True)
-    )

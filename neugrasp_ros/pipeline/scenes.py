@@ -42,6 +42,7 @@ Box = tuple[FloatArray, FloatArray]
 
 EDGE = 0.3  # [m], of the cube that networks learn
 EDGE_TOLERANCE = 0.05  # share of it that a cube may be larger or smaller
+ROUNDING = 1e-6  # share of a voxel's edge by which copies of a volume may differ
 NEGLIGIBLE = 0.02  # a cube is not asked where it counts for less than this share
 
 
@@ -166,6 +167,13 @@ def check_volume(volume: TsdfVolume, size: int) -> None:
         )
     if not volume.observed.any():
         raise EmptySceneError("no voxel of the volume was ever observed")
+
+
+def same_volume(a: TsdfVolume, b: TsdfVolume) -> bool:
+    """Compare volumes; a message rounds the voxel size to single precision."""
+    return abs(a.voxel_size - b.voxel_size) <= ROUNDING * a.voxel_size and bool(
+        np.array_equal(a.distances, b.distances, equal_nan=True)
+    )
 
 
 def encode_scene(

@@ -27,11 +27,12 @@ def rendered(tmp_path_factory):
     return folder
 
 
-def test_the_stages_are_the_papers_terms_one_after_the_other():
+def test_the_papers_terms_come_one_after_the_other_and_the_context_last():
     assert [stage.stage for stage in DEFAULT_STAGES] == [
         "occupancy",
         "quality",
         "joint",
+        "context",
     ]
 
 
