@@ -67,8 +67,8 @@ def test_context_changes_what_a_grasp_affords_and_not_whether_it_holds(
     other = copy.deepcopy(network)
     with torch.no_grad():
         other.context.last.bias.add_(1.0)
-    (held, first), (still_held, second) = (
-        Scorer(n)(scene, inputs, cubes) for n in (network, other)
-    )
+        (held, first), (still_held, second) = (
+            Scorer(n)(scene, inputs, cubes) for n in (network, other)
+        )
     np.testing.assert_array_equal(held, still_held)
     assert np.abs(first - second).min() > 1e-6
