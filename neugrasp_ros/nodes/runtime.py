@@ -9,6 +9,7 @@ import platform
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -34,6 +35,7 @@ MALLOPT = {  # glibc: option -> value; keeps megabyte messages off mmap
 }
 SWITCH_INTERVAL = 0.0005  # [s] that a thread may run while another wants to
 SPIN_PERIOD = 0.1  # [s] between two looks whether to stop
+TRIM_PERIOD = 10.0  # [s] after which the allocator gives back what is free
 START_ERROR = 1  # exit code of a node that cannot start
 
 
@@ -46,7 +48,7 @@ def prepare() -> tuple[str, ...]:
     Returns:
         What was set, for a log line.
     """
-    if os.environ.get(NO_TUNING, "") not in ("", "0"):
+    if _is_untuned():
         return ()
     done = ["thread switches"]
     sys.setswitchinterval(SWITCH_INTERVAL)  # a request returns from kernels often
@@ -62,6 +64,19 @@ def prepare() -> tuple[str, ...]:
         os.environ["AMENT_PREFIX_PATH"] = sys.prefix
         done.append("AMENT_PREFIX_PATH")
     return tuple(done)
+
+
+def give_back_memory() -> None:
+    """Let the allocator return free memory to the system; a few milliseconds.
+
+    Threads that take turns at the same work otherwise leave ever more of it scattered.
+    """
+    if platform.libc_ver()[0] == "glibc" and not _is_untuned():
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+def _is_untuned() -> bool:
+    return os.environ.get(NO_TUNING, "") not in ("", "0")
 
 
 def _uses_fastrtps() -> bool:
@@ -196,8 +211,12 @@ def _spin_until_signal(executor: Executor) -> None:
         for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
+        trimmed = time.monotonic()
         while executor.context.ok() and not stopping.is_set():
             executor.spin_once(timeout_sec=SPIN_PERIOD)
+            if time.monotonic() - trimmed > TRIM_PERIOD:
+                give_back_memory()
+                trimmed = time.monotonic()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import gc
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -11,10 +12,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from neugrasp_ros.benchmark.speed import resident_mb  # noqa: E402
 from neugrasp_ros.nodes import runtime  # noqa: E402
 from neugrasp_ros.nodes.runtime import (  # noqa: E402
     NO_TUNING,
     PROFILE_VARIABLES,
+    give_back_memory,
     prepare,
     spare_what_is_loaded,
 )
@@ -61,6 +64,18 @@ def test_it_can_be_turned_off(monkeypatch):
     assert prepare() == ()
     monkeypatch.setenv(NO_TUNING, "0")
     assert prepare()
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's allocator")
+def test_free_memory_goes_back_to_the_system():
+    prepare()
+    held = [number * b"x" for number in range(1 << 20, (1 << 20) + 200)]
+    last = held[-1]  # keeps the heap's end where it is
+    before = resident_mb()
+    held.clear()
+    give_back_memory()
+    assert resident_mb() < before - 150
+    assert last
 
 
 def test_ament_finds_the_environment():
