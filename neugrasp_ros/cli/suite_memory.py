@@ -13,6 +13,7 @@ from neugrasp_ros.config import PlannerConfig
 
 EARLY = 10  # the memory is read first after this part of the detections
 SAID = 10  # lines of progress
+WINDOW = 50  # answers over which the memory's greatest counts: it goes up and down
 PAUSE = 0.05  # [s] between two questions
 
 
@@ -27,22 +28,25 @@ def by_memory(
         config: Of the suite's planner.
 
     Returns:
-        ``memory_composed``: the suite's figures as of ``by_service``, and its resident
-        memory after either number in [MB], their ratio, and the peak.
+        ``memory_composed``: the suite's figures as of ``by_service``; its greatest
+        resident memory over the ``WINDOW`` answers up to either number in [MB], their
+        ratio, and the peak.
 
     Raises:
         NoAnswerError: If the suite does not come up, ends or stops answering.
     """
     keep_to_this_machine()
     early = max(detections // EARLY, 1)
-    seen: dict[int, float] = {}
+    seen = dict.fromkeys((early, detections), 0.0)
     peak = 0.0
 
     def after(processes: Mapping[str, "Popen[str]"], answers: int) -> None:
         nonlocal peak
         (process,) = processes.values()
-        if answers in (early, detections):
-            seen[answers] = resident_mb(process.pid)
+        for mark in seen:
+            if mark - WINDOW < answers <= mark:
+                seen[mark] = max(seen[mark], resident_mb(process.pid))
+        if answers == detections:
             peak = peak_memory_mb(process.pid)
         if answers % max(detections // SAID, 1) == 0:
             now = resident_mb(process.pid)
