@@ -115,6 +115,14 @@ class NetworkConfig(Checked):
         if self.context and not self.affordances:
             raise ConfigError("context needs affordances, got none")
 
+    @property
+    def context_width(self) -> int:
+        """How much the affordance head is told of a point's surroundings.
+
+        These are the features, then the probability of each class at that point.
+        """
+        return self.context + len(self.affordances) if self.context else 0
+
 
 CPU_NETWORK = NetworkConfig()
 """The size that is trained and shipped."""

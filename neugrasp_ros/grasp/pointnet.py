@@ -12,7 +12,6 @@ from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
 from neugrasp_ros.grasp.pooling import run_maxima
 from neugrasp_ros.registry import Registry
-from neugrasp_ros.scene.context import context_width
 
 DETECTORS: Registry[type[nn.Module]] = Registry("detector")
 DECODERS: Registry[type[nn.Module]] = Registry("decoder")
@@ -81,7 +80,7 @@ class NeuGraspDetector(nn.Module):
         inputs = POINT_FEATURES + (READ_WIDTH if shared else 0)
         self.quality = _Head(inputs, 1, config)
         n_classes = len(config.affordances)
-        wider = inputs + context_width(config)
+        wider = inputs + config.context_width
         self.affordance = _Head(wider, n_classes, config) if n_classes else None
 
     def forward(

@@ -22,11 +22,6 @@ PART_WIDTH = 64  # of the hidden layer that tells parts
 COARSEST = 2 ** len(WIDTHS)  # voxels of a cell of the last level
 
 
-def context_width(config: NetworkConfig) -> int:
-    """Return how many numbers ``ContextNet.read`` returns for a point."""
-    return config.context + len(config.affordances) if config.context else 0
-
-
 class ContextNet(nn.Module):
     """Volume in; features, and what the part there affords, at any point out.
 
@@ -121,7 +116,7 @@ class ContextNet(nn.Module):
             points: In units of the edge, shape (B, N, 3).
 
         Returns:
-            Features, then probabilities of the parts, (B, N, ``context_width``).
+            Features, then probabilities of the parts, (B, N, ``NetworkConfig.context_width``).
         """
         features = self.features(grid, points)
         parts = self.part_logits(features, points).sigmoid()

@@ -6,7 +6,7 @@ import torch
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.pipeline.scoring import fold_batch_norms
-from neugrasp_ros.scene.context import HEIGHTS, LAYERS, ContextNet, context_width
+from neugrasp_ros.scene.context import HEIGHTS, LAYERS, ContextNet
 from neugrasp_ros.scene.encoder import volume_channels
 
 CONFIG = NetworkConfig(resolution=32, affordances=("cut", "pour"), context=4)
@@ -36,10 +36,10 @@ def test_a_point_is_told_features_and_the_probability_of_each_part(context):
     assert grid.shape == (2, 4, 16, 16, LAYERS)
     points = torch.rand(2, 5, 3)
     read = context.read(grid, points)
-    assert read.shape == (2, 5, context_width(CONFIG)) == (2, 5, 6)
+    assert read.shape == (2, 5, CONFIG.context_width) == (2, 5, 6)
     logits = context.part_logits(read[..., :4], points)
     torch.testing.assert_close(read[..., 4:], logits.sigmoid())
-    assert context_width(NetworkConfig()) == 0
+    assert NetworkConfig().context_width == 0
 
 
 @torch.no_grad()
