@@ -51,7 +51,7 @@ def render_local_reference(
     n_points: int,
     fov: float,
     kept_size: int,
-    image_size: int = FULL_SIZE,
+    cast_all: bool = True,
 ) -> LocalViews:
     """Render the local surface of every grasp, asking the network everywhere.
 
@@ -63,7 +63,8 @@ def render_local_reference(
         fov: Field of view of the cameras in [rad].
         kept_size: Of the whole images, the network gets the pixels nearest to those of
             images of this many rows and columns, as many as it learned from.
-        image_size: Rows and columns of a camera [pixel].
+        cast_all: Cast also the rays that are not kept, as the paper does; what is
+            returned is the same without.
 
     Returns:
         Views. A grasp with few points keeps them: the authors score it 0 below 50, but
@@ -74,10 +75,15 @@ def render_local_reference(
         np.zeros((len(T_task_grippers), n_points, 3), dtype=np.float32),
         np.zeros(len(T_task_grippers), dtype=np.int32),
     )
-    rays = local_rays(gripper, image_size, fov)
-    kept = sampled_pixels(image_size, kept_size)
+    origins, directions = local_rays(gripper, FULL_SIZE, fov)
+    kept = sampled_pixels(FULL_SIZE, kept_size)
+    if not cast_all:
+        origins, directions = origins[kept], directions[kept]
+        kept = np.arange(len(kept))
     for row, T_task_gripper in enumerate(T_task_grippers):
-        points = _surface(scene, T_task_gripper, rays, crop_box(gripper, fov))[kept]
+        points = _surface(
+            scene, T_task_gripper, (origins, directions), crop_box(gripper, fov)
+        )[kept]
         points = points[np.isfinite(points[:, 0])][:n_points]
         if not len(points):
             continue

@@ -152,6 +152,7 @@ class Evaluator:
                 n_points=n_points,
                 fov=fov,
                 kept_size=render.local_image_size,
+                cast_all=self._config.renderer == "reference",
             )
         inputs, _ = assemble_inputs(
             scene.field,

@@ -116,7 +116,8 @@ class ContextNet(nn.Module):
             points: In units of the edge, shape (B, N, 3).
 
         Returns:
-            Features, then probabilities of the parts, (B, N, ``NetworkConfig.context_width``).
+            Features, then probabilities of the parts, shape
+            (B, N, ``NetworkConfig.context_width``).
         """
         features = self.features(grid, points)
         parts = self.part_logits(features, points).sigmoid()
