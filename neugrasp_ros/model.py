@@ -145,8 +145,8 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     """Take over the weights of a file; what it lacks stays as it is.
 
     Weights of a network without affordance heads start one that has them. Those of one
-    without context start one with it: what its affordance head reads besides has no
-    say in the beginning.
+    without context start one with it, whose affordance head then reads more that has no
+    say in the beginning; and the other way round, where it reads less.
 
     Args:
         network: Changed in place.
@@ -161,8 +161,12 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     """
     source, _ = load_network(path)
     tensors, own = source.state_dict(), network.state_dict()
-    if network.config.context and not source.config.context:
-        tensors = {k: _widened(k, v, own.get(k)) for k, v in tensors.items()}
+    if bool(network.config.context) != bool(source.config.context):
+        tensors = {
+            k: _fitted(k, v, own.get(k))
+            for k, v in tensors.items()
+            if k in own or not k.startswith("context.")
+        }
     wrong = sorted(
         k for k, v in tensors.items() if k not in own or own[k].shape != v.shape
     )
@@ -174,14 +178,16 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     return tuple(sorted(set(own) - set(tensors)))
 
 
-def _widened(key: str, tensor: Tensor, own: Tensor | None) -> Tensor:
-    """Return the affordance head's first layer with zeros for the inputs it lacked."""
+def _fitted(key: str, tensor: Tensor, own: Tensor | None) -> Tensor:
+    """Return the affordance head's first layer without what the context told it.
+
+    Inputs that it has not have zeros.
+    """
     if own is None or not key.startswith("detector.affordance.points."):
         return tensor
     if tensor.dim() != 2 or own.shape[0] != tensor.shape[0]:
         return tensor
-    more = own.shape[1] - tensor.shape[1]
-    return nn.functional.pad(tensor, (0, more)) if more > 0 else tensor
+    return nn.functional.pad(tensor, (0, own.shape[1] - tensor.shape[1]))
 
 
 def _mapping(metadata: dict[str, str], key: str, path: Path) -> dict[str, Any]:

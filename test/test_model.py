@@ -239,6 +239,16 @@ def test_weights_without_context_begin_one_with_it_as_they_were(network, weights
         torch.testing.assert_close(now, old)
 
 
+def test_weights_with_context_begin_one_without_it(network, weights, tmp_path):
+    wide = GraspNetwork(replace(SMALL, context=4)).eval()
+    warm_start(wide, weights)
+    save_network(wide, tmp_path / "wide.safetensors")
+    narrow = GraspNetwork(SMALL).eval()
+    assert warm_start(narrow, tmp_path / "wide.safetensors") == ()
+    for key, value in network.state_dict().items():
+        assert torch.equal(narrow.state_dict()[key], value), key
+
+
 @pytest.mark.parametrize(
     ("change", "key"),
     [({"channels": 8}, "scene.encoder"), ({"affordances": ()}, "detector.affordance")],

@@ -11,7 +11,7 @@ from neugrasp_ros.cli.processes import keep_to_this_machine
 from neugrasp_ros.cli.service_latency import asked, suite_commands
 from neugrasp_ros.config import PlannerConfig
 
-EARLY = 10  # the memory is read first after this part of the detections
+EARLY = 10  # the memory counts first up to this part of the detections
 SAID = 10  # lines of progress
 WINDOW = 50  # answers over which the memory's greatest counts: it goes up and down
 PAUSE = 0.05  # [s] between two questions
@@ -24,7 +24,7 @@ def by_memory(
 
     Args:
         shots: Scenes of one cube, of ``benchmark.shots``; they take turns.
-        detections: Answers; the memory is read after a tenth of them, and at the end.
+        detections: Answers; the memory counts up to a tenth of them, and at the end.
         config: Of the suite's planner.
 
     Returns:

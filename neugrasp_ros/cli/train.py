@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
                 network,
                 affordances=AFFORDANCE_NAMES,
                 part_head=True,
-                context=CONTEXT if "context" in {s.stage for s in stages} else 0,
+                context=CONTEXT if _has_context(args, stages) else 0,
                 local_view=args.local_view,
             ),
             stages=stages,
@@ -96,6 +96,11 @@ def run(args: argparse.Namespace) -> int:
     if card:
         print(json.dumps(card, indent=1))
     return 0
+
+
+def _has_context(args: argparse.Namespace, stages: "tuple[TrainConfig, ...]") -> bool:
+    """Tell whether a context is trained: ablations of the local view have none."""
+    return args.local_view == "rendered" and any(s.stage == "context" for s in stages)
 
 
 def _stages(args: argparse.Namespace) -> "tuple[TrainConfig, ...]":

@@ -125,3 +125,11 @@ class SharedPlanner:
         if revision == view.revision and end > self._asked:
             planner.timings["encoding"] = end - max(begin, self._asked)
         return scene
+
+    def prepare(self, view: SceneView) -> None:
+        """Encode a scene and do what its scores need, as part of the same pass."""
+        passes = self.planner.encoder_passes
+        self.planner.prepare(self.encode(view))
+        if self.planner.encoder_passes != passes:
+            revision, begin, _ = self._pass
+            self._pass = revision, begin, time.perf_counter()

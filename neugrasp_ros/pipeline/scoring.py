@@ -42,7 +42,9 @@ class Scorer:
         self._network = network
         self._threads = threads
         self._detector: Any = fold_batch_norms(network.detector)
-        self._context: Any = network.context and fold_batch_norms(network.context)
+        self._context: Any = None
+        if network.context is not None:
+            self._context = fold_batch_norms(network.context)
         self._tables: tuple[EncodedScene, list[Float32Array]] | None = None
         self._grids: tuple[EncodedScene, list[Tensor]] | None = None
 
@@ -52,7 +54,7 @@ class Scorer:
         if self._works_on_runs(scene) and self._detector.read is not None:
             self._projected(scene)
         if self._context is not None:
-            self._surroundings(scene)
+            self._context_grids(scene, self._threads)
 
     def __call__(
         self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
@@ -92,13 +94,13 @@ class Scorer:
         device = scene.planes.device
         points = torch.from_numpy(inputs.point_features).to(device)
         tokens = torch.from_numpy(inputs.tokens).to(device)
-        known = [points, tokens, self._features(scene, inputs, cubes)]
+        arguments = [points, tokens, self._features(scene, inputs, cubes)]
         if self._context is not None:
             n_points = inputs.points_task.shape[1]
             where = inputs.points_task.reshape(-1, 3)
-            read = self._around(scene, where, np.repeat(cubes, n_points))
-            known.append(read.unflatten(0, (-1, n_points)))
-        logits: tuple[Tensor, Tensor] = self._detector(*known)
+            read = self._context_at(scene, where, np.repeat(cubes, n_points))
+            arguments.append(read.unflatten(0, (-1, n_points)))
+        logits: tuple[Tensor, Tensor] = self._detector(*arguments)
         return logits
 
     def _score_runs(
@@ -115,20 +117,20 @@ class Scorer:
         if self._detector.read is not None:
             read = self._read(scene, where, owners)
             points = torch.cat([points, read.relu_()], dim=1)
-        around = None
+        context = None
         if self._context is not None:
-            around = self._around(scene, where, owners)
+            context = self._context_at(scene, where, owners)
         tokens = torch.from_numpy(inputs.tokens)
         logits: tuple[Tensor, Tensor] = self._detector.score_runs(
-            points, counts, tokens, around
+            points, counts, tokens, context
         )
         return logits
 
-    def _around(
+    def _context_at(
         self, scene: EncodedScene, points: Float32Array, cubes: NDArray[np.int64]
     ) -> Tensor:
         """Return what the context says of points (N, 3), (N, K)."""
-        grids = self._surroundings(scene)
+        grids = self._context_grids(scene)
         out = torch.zeros(0)
         for cube in np.unique(cubes):
             rows = torch.from_numpy(np.flatnonzero(cubes == cube))
@@ -140,7 +142,7 @@ class Scorer:
             out[rows] = read
         return out
 
-    def _surroundings(self, scene: EncodedScene) -> list[Tensor]:
+    def _context_grids(self, scene: EncodedScene, threads: int = 1) -> list[Tensor]:
         """Return each cube's feature grid of the context, (1, C, R, R, L)."""
         if self._grids is None or self._grids[0] is not scene:
 
@@ -151,10 +153,10 @@ class Scorer:
                 return grid
 
             if len(scene.corners) == 1:
-                with torch_threads(self._threads):
+                with torch_threads(threads):
                     grids = [see(scene.corners[0])]
             else:
-                grids = shared(see, list(scene.corners), self._threads)
+                grids = shared(see, list(scene.corners), threads)
             self._grids = (scene, grids)
         return self._grids[1]
 

@@ -18,6 +18,7 @@ WIDTHS = (2.0, 3.5, 5.5, 8.0)  # of the levels, times the channels of the featur
 BLOCKS = (1, 2, 2, 2)  # residual blocks of a level on the way down
 HEIGHTS = (9 / 64, 57 / 64)  # of the cube: from just below the table top
 LAYERS = 8  # of the feature grid along z
+HEIGHT_SCALE = 4.0  # of a point's height in edges, as the part layers take it
 PART_WIDTH = 64  # of the hidden layer that tells parts
 COARSEST = 2 ** len(WIDTHS)  # voxels of a cell of the last level
 
@@ -74,7 +75,8 @@ class ContextNet(nn.Module):
             width and ``HEIGHTS``.
         """
         signed, free, unknown = volume[..., self._low : self._high].unbind(dim=1)
-        columns = torch.cat([signed + free, 1 - unknown], dim=-1).permute(0, 3, 1, 2)
+        distances, known = signed + free, 1 - unknown  # free space is at distance 1
+        columns = torch.cat([distances, known], dim=-1).permute(0, 3, 1, 2)
         skips = []
         x = columns
         for level in self.down:
@@ -104,7 +106,7 @@ class ContextNet(nn.Module):
 
     def part_logits(self, features: Tensor, points: Tensor) -> Tensor:
         """Say what the part at each point affords, logits (B, N, A)."""
-        height = 4 * points[..., 2:]
+        height = HEIGHT_SCALE * points[..., 2:]
         logits: Tensor = self.parts(torch.cat([features, height], dim=-1))
         return logits
 

@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -23,6 +24,7 @@ from neugrasp_ros.training.views import (
     table_scene,
 )
 from sim_bridge.objects.affordance import SET_NAME as AFFORDANCE_SET
+from sim_bridge.objects.affordances import AFFORDANCES
 from sim_bridge.objects.grasp_labels import scene_class_points
 from sim_bridge.objects.model import PointLabels
 from sim_bridge.scene import Scene, placed_model
@@ -94,8 +96,9 @@ def _labelled_points(scene: Scene, rng: np.random.Generator) -> PointLabels:
         [item.T_task_object for item in items],
         rng,
     )
-    inside = ((found.points >= 0) & (found.points <= EDGE)).all(axis=1)
-    return PointLabels(found.points[inside], found.classes[inside])
+    kept = ((found.points >= 0) & (found.points <= EDGE)).all(axis=1)
+    kept &= found.classes.any(axis=1)
+    return PointLabels(found.points[kept], found.classes[kept])
 
 
 def save_entry(entry: SceneEntry, path: Path) -> None:
@@ -128,11 +131,18 @@ def load_entry(path: Path) -> SceneEntry:
                 file["cameras"],
                 points,
                 np.unpackbits(file["occupied"], count=len(points)).astype(bool),
-                file["part_points"],
-                file["part_classes"],
+                *_parts_of(file),
             )
     except (KeyError, ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
         raise ShardError(f"{path}: not a whole scene entry ({error})") from error
+
+
+def _parts_of(file: Any) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    """Return the labelled points of an entry; those of older caches have none."""
+    if "part_points" not in file.files:
+        none = np.zeros((0, len(AFFORDANCES)), dtype=np.uint8)
+        return np.zeros((0, 3), dtype=np.uint16), none
+    return file["part_points"], file["part_classes"]
 
 
 def entry_paths(folder: Path) -> Iterator[Path]:

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import ConfigError, EmptySceneError
+from neugrasp_ros.grasp.ablation import RENDERED
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.training.batches import GraspCache, make_batch
@@ -38,13 +39,14 @@ class ContextStage:
     """The losses of parts and of affordances, on scenes turned and moved at random.
 
     Args:
-        network: The network; of it only the context and the affordance head learn.
+        network: The network; of it only the context and the affordance head learn: all
+            else is put into evaluation mode and needs no gradients from now on.
         grasps: Grasp entries; those that know of no affordance are left out.
         scenes: Scene entries; those without labelled points are left out.
         config: Batch sizes and weights.
 
     Raises:
-        ConfigError: If the network has no context.
+        ConfigError: If the network has no context, or does not see local surfaces.
         EmptySceneError: If nothing is labelled.
     """
 
@@ -57,6 +59,11 @@ class ContextStage:
     ) -> None:
         if network.context is None:
             raise ConfigError("the stage 'context' needs a network with context")
+        if network.config.local_view != RENDERED:
+            raise ConfigError(
+                f"the stage 'context' needs local_view {RENDERED!r}, "
+                f"got {network.config.local_view!r}"
+            )
         self._network, self._config = network, config
         self._context = network.context
         self._grasps = [entry for entry in map(_known, grasps.entries) if entry]
@@ -91,10 +98,8 @@ class ContextStage:
         _, logits = grasp_logits(network, planes, batch, grid[:size])
         near = self._told(grid[:size], batch.local_points)
         parts = known_entropy(near, batch.local_classes, batch.local_known)
-        everywhere = torch.ones(points.shape[:2], dtype=torch.bool, device=device)
-        parts = parts + known_entropy(
-            self._told(grid[size:], points), classes, everywhere
-        )
+        inside = ((points >= 0) & (points <= 1)).all(dim=-1)
+        parts = parts + known_entropy(self._told(grid[size:], points), classes, inside)
         loss = affordance_loss(logits, batch.affordances, batch.known)
         return {
             "affordance": config.w_affordance * loss,

@@ -43,11 +43,11 @@ def grasp_logits(
     """
     features = network.scene.features(planes, batch.points)
     shape = batch.point_features.shape[:2]
-    known = [batch.point_features, batch.tokens, features.reshape(*shape, -1)]
+    arguments = [batch.point_features, batch.tokens, features.reshape(*shape, -1)]
     if network.context is not None:
         grid = network.context(batch.volumes) if grid is None else grid
-        known.append(network.context.read(grid, batch.points).reshape(*shape, -1))
-    logits: tuple[Tensor, Tensor] = network.detector(*known)
+        arguments.append(network.context.read(grid, batch.points).reshape(*shape, -1))
+    logits: tuple[Tensor, Tensor] = network.detector(*arguments)
     return logits
 
 

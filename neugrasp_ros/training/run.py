@@ -204,6 +204,8 @@ def train_stage(
             )  # fmt: skip
     grasps = GraspCache(folder / "grasps")
     network.train().to(device)
+    if network.context is not None:  # it learns in its own stage
+        network.context.eval().requires_grad_(False)
     if config.stage == "quality":
         quality = QualityStage(network, grasps, config)
         optimise(network.detector, quality, config, out, keep)
@@ -211,8 +213,10 @@ def train_stage(
     rendered = SceneCache(folder / "scenes")
     if config.stage == "context":
         context = ContextStage(network, grasps, rendered, config)
-        optimise(network, context, config, out, keep)
-        network.requires_grad_(True)
+        try:
+            optimise(network, context, config, out, keep)
+        finally:
+            network.requires_grad_(True)
         return
     occupancy = OccupancyStage(network.scene, rendered, config)
     joint = JointStage(network, grasps, config, occupancy)

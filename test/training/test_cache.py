@@ -36,6 +36,18 @@ def test_an_entry_comes_back_as_it_was(tmp_path):
         np.testing.assert_array_equal(now, kept)
 
 
+def test_an_entry_of_an_older_cache_has_no_labelled_points(tmp_path):
+    entry, path = some_entry(), tmp_path / "0.npz"
+    save_entry(entry, path)
+    with np.load(path) as file:
+        kept = {k: file[k] for k in file.files if not k.startswith("part_")}
+    np.savez_compressed(path, **kept)
+    loaded = load_entry(path)
+    assert loaded.part_points.shape == (0, 3)
+    assert loaded.part_classes.shape == (0, 7)
+    np.testing.assert_array_equal(loaded.points, entry.points)
+
+
 def test_only_whole_entries_appear_and_in_order(tmp_path):
     for number in (10, 2, 1):
         save_entry(some_entry(number), tmp_path / f"{number:05d}.npz")

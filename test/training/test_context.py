@@ -107,9 +107,16 @@ def test_what_is_not_labelled_is_left_out(caches, network):
         ContextStage(network, grasps, scenes, CONFIG)
 
 
-def test_a_network_without_context_is_refused(caches):
-    with pytest.raises(ConfigError, match="needs a network with context"):
-        ContextStage(GraspNetwork(NETWORK), *caches, CONFIG)
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({}, "needs a network with context"),
+        ({"context": 4, "local_view": "grid"}, "needs local_view 'rendered', got 'gr"),
+    ],
+)
+def test_a_network_that_cannot_learn_it_is_refused(caches, change, complaint):
+    with pytest.raises(ConfigError, match=complaint):
+        ContextStage(GraspNetwork(replace(NETWORK, **change)), *caches, CONFIG)
 
 
 @pytest.mark.parametrize("turn", range(8))

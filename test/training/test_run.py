@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from diamond import SMALL_NETWORK, diamond_network
+from diamond import AFFORDING_NETWORK, SMALL_NETWORK, diamond_network
 from labelled import CENTER, SIDE, TOP, labels_of
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.training.cache import load_entry
 from neugrasp_ros.training.run import DEFAULT_STAGES, render_scenes, train_stage
+from sim_bridge.objects.affordances import AFFORDANCE_NAMES
+from sim_bridge.objects.registry import object_set
+from sim_bridge.scene import PlacedObject
 
 HANDS = [translation(0, 0, 0.005 * i) @ hand for i in range(4) for hand in (TOP, SIDE)]
 
@@ -51,6 +55,57 @@ def test_a_scene_without_objects_is_not_rendered(tmp_path):
     empty = replace(empty, scene=replace(empty.scene, objects=()))
     render_scenes([empty], tmp_path / "scenes", workers=1)
     assert list((tmp_path / "scenes").iterdir()) == []
+
+
+def labelled_mug() -> Any:
+    """A mug that the hands hold by its body, as far as they hold."""
+    labels = labels_of(*HANDS)
+    name = next(n for n in object_set("affordance").names if n.startswith("mug/"))
+    placed = PlacedObject("affordance", name, 1.0, translation(*CENTER))
+    affordances = np.zeros((len(HANDS), len(AFFORDANCE_NAMES)), dtype=np.uint8)
+    affordances[:, AFFORDANCE_NAMES.index("pour")] = 1
+    return replace(
+        labels,
+        scene=replace(labels.scene, objects=(placed,)),
+        grasps=replace(labels.grasps, affordances=affordances),
+    )
+
+
+@pytest.fixture
+def context_network():
+    config = replace(AFFORDING_NETWORK, affordances=AFFORDANCE_NAMES, context=4)
+    return diamond_network(replace(config, resolution=64), CENTER, 0.04)
+
+
+def test_points_on_labelled_objects_are_rendered_with_a_scene(tmp_path):
+    render_scenes([labelled_mug()], tmp_path, workers=1)
+    (entry,) = map(load_entry, tmp_path.glob("*.npz"))
+    assert len(entry.part_points) > 500
+    pour, cut = (AFFORDANCE_NAMES.index(name) for name in ("pour", "cut"))
+    assert 0.3 < entry.part_classes[:, pour].mean() < 1.0  # a rim is for handing over
+    assert not entry.part_classes[:, cut].any()
+
+
+@pytest.mark.parametrize(
+    ("stage", "trained"),
+    [
+        ("quality", ("detector.",)),
+        ("context", ("context.", "detector.affordance.")),
+    ],
+)
+def test_a_stage_leaves_the_rest_of_a_network_with_context(
+    context_network, stage, trained, tmp_path
+):
+    network, scenes = context_network, [labelled_mug()]
+    before = {k: v.clone() for k, v in network.state_dict().items()}
+    config = TrainConfig(stage=stage, steps=2, scenes_per_step=2, grasps_per_scene=4)
+    render_scenes(scenes, tmp_path / "scenes", workers=1)
+    train_stage(network, config, tmp_path, scenes)
+    changed = {k for k, v in network.state_dict().items() if (v != before[k]).any()}
+    assert changed
+    assert all(key.startswith(trained) for key in changed)
+    others = [p for n, p in network.named_parameters() if not n.startswith("context.")]
+    assert all(p.requires_grad for p in others)
 
 
 def test_the_quality_stage_trains_the_detector_alone(network, tmp_path):
