@@ -224,7 +224,7 @@ class EvaluatorStage:
         """Encode a scene in which something was measured, before it is asked about."""
         if view.volume.observed.any():
             with self._shared.timed():
-                self._shared.prepare(view)
+                self._shared.encode(view)
 
     @property
     def labels(self) -> tuple[str, ...]:

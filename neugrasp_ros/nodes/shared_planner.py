@@ -47,9 +47,6 @@ class Planner(Protocol):
     def contacts(self, scene: Any, grasps: GraspSet) -> FloatArray:
         """Return the expected contacts of grasps (G, 2, 3), NaN = none."""
 
-    def prepare(self, scene: Any) -> None:
-        """Do what scores need once per scene."""
-
     def evaluate(
         self, scene: Any, grasps: GraspSet, *, support_height: float
     ) -> GraspSet:
@@ -125,11 +122,3 @@ class SharedPlanner:
         if revision == view.revision and end > self._asked:
             planner.timings["encoding"] = end - max(begin, self._asked)
         return scene
-
-    def prepare(self, view: SceneView) -> None:
-        """Encode a scene and do what its scores need, as part of the same pass."""
-        passes = self.planner.encoder_passes
-        self.planner.prepare(self.encode(view))
-        if self.planner.encoder_passes != passes:
-            revision, begin, _ = self._pass
-            self._pass = revision, begin, time.perf_counter()

@@ -18,7 +18,7 @@ from neugrasp_ros.pipeline.scenes import EncodedScene
 from neugrasp_ros.scene.cubes import cut
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.scene.grid_decoder import read_projected
-from neugrasp_ros.scene.workers import shared, torch_threads
+from neugrasp_ros.scene.workers import shared
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -152,12 +152,7 @@ class Scorer:
                 grid: Tensor = self._context(volume.to(scene.planes.device))
                 return grid
 
-            if len(scene.corners) == 1:
-                with torch_threads(threads):
-                    grids = [see(scene.corners[0])]
-            else:
-                grids = shared(see, list(scene.corners), threads)
-            self._grids = (scene, grids)
+            self._grids = (scene, shared(see, list(scene.corners), threads))
         return self._grids[1]
 
     def _read(

@@ -67,9 +67,6 @@ class SurfacePlanner:
         middle = grasps.poses[:, None, :3, 3]
         return np.concatenate([middle + sideways, middle - sideways], axis=1)
 
-    def prepare(self, scene):
-        """Nothing is needed."""
-
     def evaluate(self, scene, grasps, *, support_height):
         height = grasps.poses[:, 2, 3] - support_height
         quality = np.clip(0.6 + 4 * height, 0.0, 1.0)
