@@ -40,7 +40,7 @@ def seams_policy(config: PlannerConfig) -> Policy:
 
 
 def reference_policy(config: PlannerConfig) -> Policy:
-    """Return the network's policy with the paper's renderers: a minute a decision."""
+    """Return the network's policy with the paper's renderers, far slower."""
     return neugrasp_policy(replace(config, renderer="compiled_reference"))
 
 

@@ -91,7 +91,8 @@ class Evaluator:
     ) -> list[Scored]:
         """Render local views and score, batch by batch, several at the same time.
 
-        A score does not depend on the batch, but for rounding.
+        A score does not depend on the batch, but for rounding. What all batches need
+        of the scene is there already if it was ``prepare``d.
 
         Args:
             scene: The scene.
@@ -108,7 +109,6 @@ class Evaluator:
             return []
         if not len(scene.corners):
             return [self._worthless(len(grasps))]
-        self.prepare(scene)
         n_batches = min(len(grasps), _batches(len(grasps), self._threads))
         batches = np.array_split(np.arange(len(grasps)), n_batches)
 

@@ -2,6 +2,7 @@
 """Grasps of a scene scored by the detector, each with the features of its cube."""
 
 import copy
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -131,16 +132,9 @@ class Scorer:
     ) -> Tensor:
         """Return what the context says of points (N, 3), (N, K)."""
         grids = self._context_grids(scene)
-        out = torch.zeros(0)
-        for cube in np.unique(cubes):
-            rows = torch.from_numpy(np.flatnonzero(cubes == cube))
-            local = scene.in_cube(cube, points[rows.numpy()]).astype(np.float32)
-            query = torch.from_numpy(local).to(grids[cube].device)[None]
-            read = self._context.read(grids[cube], query)[0]
-            if not len(out):
-                out = read.new_zeros((len(points), read.shape[1]))
-            out[rows] = read
-        return out
+        return _read_by_cube(
+            scene, points, cubes, lambda cube, x: self._context.read(grids[cube], x)
+        )
 
     def _context_grids(self, scene: EncodedScene, threads: int = 1) -> list[Tensor]:
         """Return each cube's feature grid of the context, (1, C, R, R, L)."""
@@ -182,17 +176,42 @@ class Scorer:
         self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
     ) -> Tensor:
         """Read the plane features at all points, shape (G, P, 3C)."""
-        parts = torch.zeros(0)
-        for cube in np.unique(cubes):
-            rows = np.flatnonzero(cubes == cube)
-            local = scene.in_cube(cube, inputs.points_task[rows]).astype(np.float32)
-            query = torch.from_numpy(local).to(scene.planes.device)
-            planes = scene.planes[cube : cube + 1]
-            read = self._network.scene.features(planes, query.flatten(0, 1)[None])[0]
-            if not len(parts):
-                parts = read.new_zeros((*inputs.points_task.shape[:2], read.shape[-1]))
-            parts[torch.from_numpy(rows)] = read.unflatten(0, query.shape[:2])
-        return parts
+        n_points = inputs.points_task.shape[1]
+        read = _read_by_cube(
+            scene,
+            inputs.points_task.reshape(-1, 3),
+            np.repeat(cubes, n_points),
+            lambda cube, x: self._network.scene.features(
+                scene.planes[cube : cube + 1], x
+            ),
+        )
+        return read.unflatten(0, (-1, n_points))
+
+
+def _read_by_cube(
+    scene: EncodedScene,
+    points: Float32Array,
+    cubes: NDArray[np.int64],
+    read: Callable[[int, Tensor], Tensor],
+) -> Tensor:
+    """Ask each point's cube about it.
+
+    Args:
+        scene: The scene.
+        points: In the task frame in [m], shape (N, 3), at least one.
+        cubes: The cube of each point, shape (N,).
+        read: Takes a cube and points (1, n, 3) in units of its edge; returns (1, n, K).
+
+    Returns:
+        Shape (N, K).
+    """
+    parts, rows = [], []
+    for cube in np.unique(cubes):
+        rows.append(np.flatnonzero(cubes == cube))
+        local = scene.in_cube(cube, points[rows[-1]]).astype(np.float32)
+        parts.append(read(cube, torch.from_numpy(local).to(scene.planes.device)[None]))
+    back = torch.from_numpy(np.argsort(np.concatenate(rows)))
+    return torch.cat(parts, dim=1)[0][back.to(scene.planes.device)]
 
 
 def fold_batch_norms(module: nn.Module) -> nn.Module:

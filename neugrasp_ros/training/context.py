@@ -122,7 +122,8 @@ class ContextStage:
             where = entry.part_points[rows].astype(np.float32) / np.float32(POINT_SCALE)
             where = turn_points(where, turn) + _step(shift, len(view))
             noise = rng.normal(0, LOCAL_NOISE / EDGE, where.shape)
-            volumes.append(_seen(moved_volume(turn_volume(view, turn), shift)))
+            there = moved_volume(turn_volume(view, turn), shift)
+            volumes.append(volume_channels(dequantise(there)))
             points.append((where + noise).astype(np.float32))
             classes.append(entry.part_classes[rows].astype(np.float32))
         return (
@@ -180,10 +181,6 @@ def _spans(step: int, size: int) -> tuple[slice, slice]:
 
 def _step(shift: IntArray, size: int) -> NDArray[np.float32]:
     return np.array([shift[0] / size, shift[1] / size, 0.0], dtype=np.float32)
-
-
-def _seen(volume: NDArray[np.int8]) -> NDArray[np.float32]:
-    return volume_channels(dequantise(volume))
 
 
 def _known(entry: GraspEntry) -> GraspEntry | None:
