@@ -52,4 +52,4 @@ def draw_profile(result: dict[str, Any], path: Path) -> None:
         ncols=3, fontsize="small", loc="upper center", bbox_to_anchor=(0.5, 1.4)
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=DPI)
+    figure.savefig(path, dpi=DPI, bbox_inches="tight")
