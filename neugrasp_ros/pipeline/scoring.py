@@ -19,6 +19,7 @@ from neugrasp_ros.pipeline.scenes import EncodedScene
 from neugrasp_ros.scene.cubes import cut
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.scene.grid_decoder import read_projected
+from neugrasp_ros.scene.grid_reading import read_trilinear
 from neugrasp_ros.scene.workers import shared
 
 FloatArray = NDArray[np.float64]
@@ -131,10 +132,19 @@ class Scorer:
         self, scene: EncodedScene, points: Float32Array, cubes: NDArray[np.int64]
     ) -> Tensor:
         """Return what the context says of points (N, 3), (N, K)."""
-        grids = self._context_grids(scene)
-        return _read_by_cube(
-            scene, points, cubes, lambda cube, x: self._context.read(grids[cube], x)
-        )
+        context, grids = self._context, self._context_grids(scene)
+
+        def read(cube: int, x: Tensor) -> Tensor:
+            if x.device.type == "cpu":
+                table = grids[cube][0].permute(1, 2, 3, 0).numpy()
+                rows = read_trilinear(table, context.on_grid(x[0]).numpy())
+                features = torch.from_numpy(rows)[None].relu_()
+            else:
+                features = context.features(grids[cube], x)
+            told: Tensor = context.described(features, x)
+            return told
+
+        return _read_by_cube(scene, points, cubes, read)
 
     def _context_grids(self, scene: EncodedScene, threads: int = 1) -> list[Tensor]:
         """Return each cube's feature grid of the context, (1, C, R, R, L)."""
@@ -144,7 +154,7 @@ class Scorer:
                 part = cut(scene.volume.distances, corner, scene.cube_voxels)
                 volume = torch.from_numpy(volume_channels(part))[None]
                 grid: Tensor = self._context(volume.to(scene.planes.device))
-                return grid
+                return grid.contiguous(memory_format=torch.channels_last_3d)
 
             self._grids = (scene, shared(see, list(scene.corners), threads))
         return self._grids[1]

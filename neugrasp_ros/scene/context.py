@@ -90,11 +90,15 @@ class ContextNet(nn.Module):
         grid: Tensor = self.last(x).unflatten(1, (self._channels, LAYERS))
         return grid.permute(0, 1, 3, 4, 2)
 
-    def features(self, grid: Tensor, points: Tensor) -> Tensor:
-        """Read features (B, N, C) at points (B, N, 3) in units of the edge."""
+    def on_grid(self, points: Tensor) -> Tensor:
+        """Return points (..., 3), given in units of the edge, in those of the grid."""
         low, high = self._span
         x, y, z = points.unbind(dim=-1)
-        where = torch.stack([(z - low) / (high - low), y, x], dim=-1)
+        return torch.stack([x, y, (z - low) / (high - low)], dim=-1)
+
+    def features(self, grid: Tensor, points: Tensor) -> Tensor:
+        """Read features (B, N, C) at points (B, N, 3) in units of the edge."""
+        where = self.on_grid(points).flip(-1)
         read = nn.functional.grid_sample(
             grid,
             (2 * where - 1)[:, :, None, None],
@@ -121,7 +125,10 @@ class ContextNet(nn.Module):
             Features, then probabilities of the parts, shape
             (B, N, ``NetworkConfig.context_width``).
         """
-        features = self.features(grid, points)
+        return self.described(self.features(grid, points), points)
+
+    def described(self, features: Tensor, points: Tensor) -> Tensor:
+        """Return what ``read`` does, of what ``features`` returned (B, N, C)."""
         parts = self.part_logits(features, points).sigmoid()
         return torch.cat([features, parts], dim=-1)
 

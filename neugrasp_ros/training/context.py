@@ -26,6 +26,11 @@ from neugrasp_ros.training.grasps import LOCAL_NOISE, NOT_KNOWN, GraspEntry
 from neugrasp_ros.training.losses import affordance_loss, known_entropy
 from neugrasp_ros.training.occupancy import SceneCache, turn_points, turn_volume
 from neugrasp_ros.training.quality import grasp_logits
+from neugrasp_ros.training.stretching import (
+    draw_stretch,
+    stretched_points,
+    stretched_volume,
+)
 from neugrasp_ros.training.views import EDGE, UNKNOWN, dequantise
 
 POINTS_PER_SCENE = 768
@@ -37,6 +42,8 @@ IntArray = NDArray[np.int64]
 
 class ContextStage:
     """The losses of parts and of affordances, on scenes turned and moved at random.
+
+    Scenes whose points alone are learned from are stretched as well.
 
     Args:
         network: The network; of it only the context and the affordance head learn: all
@@ -116,13 +123,13 @@ class ContextStage:
             len(self._scenes), size=self._config.scenes_per_step
         ):
             entry: SceneEntry = self._scenes[number]
-            turn, shift = int(rng.integers(TURNS)), rng.integers(-MOVED, MOVED + 1, 2)
+            turn, stretch = int(rng.integers(TURNS)), draw_stretch(rng)
             view = entry.volumes[rng.integers(len(entry.volumes))]
             rows = rng.integers(len(entry.part_points), size=POINTS_PER_SCENE)
             where = entry.part_points[rows].astype(np.float32) / np.float32(POINT_SCALE)
-            where = turn_points(where, turn) + _step(shift, len(view))
+            where = stretched_points(turn_points(where, turn), stretch)
             noise = rng.normal(0, LOCAL_NOISE / EDGE, where.shape)
-            there = moved_volume(turn_volume(view, turn), shift)
+            there = stretched_volume(turn_volume(view, turn), stretch)
             volumes.append(volume_channels(dequantise(there)))
             points.append((where + noise).astype(np.float32))
             classes.append(entry.part_classes[rows].astype(np.float32))

@@ -14,6 +14,7 @@ from neugrasp_ros.fusion.tsdf import empty_volume
 from neugrasp_ros.model import save_network
 from neugrasp_ros.pipeline import GraspPlanner
 from neugrasp_ros.pipeline.scoring import Scorer
+from neugrasp_ros.scene.encoder import volume_channels
 
 CONTEXT_NETWORK = replace(AFFORDING_NETWORK, context=4)
 SIZE = CONTEXT_NETWORK.resolution
@@ -55,6 +56,20 @@ def test_distinct_points_are_told_what_all_are(network, planner, length):
     for one, other in zip(some, every, strict=True):
         torch.testing.assert_close(one, other, atol=1e-4, rtol=1e-4)
     assert some[1].std() > 1e-3
+
+
+@torch.no_grad()
+def test_points_are_told_what_the_network_itself_tells(network, planner):
+    scene = planner.encode(seen_volume(), revision=1)
+    scorer = Scorer(network)
+    scorer.prepare(scene)
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, EDGE, (50, 3)).astype(np.float32)
+    told = scorer._context_at(scene, points, np.zeros(50, dtype=np.int64))
+    volume = torch.from_numpy(volume_channels(scene.volume.distances))[None]
+    where = torch.from_numpy(points / np.float32(EDGE))[None]
+    expected = network.context.read(network.context(volume), where)[0]
+    torch.testing.assert_close(told, expected, atol=1e-4, rtol=1e-4)
 
 
 def test_context_changes_what_a_grasp_affords_and_not_whether_it_holds(
