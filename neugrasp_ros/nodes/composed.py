@@ -54,10 +54,10 @@ class Suite:
         self._make_checker = make_checker
         self._options = node_options
         self.nodes: list[Node] = []
-        fusion = self._add(TsdfFusionNode(**node_options))
+        fusion = TsdfFusionNode(lambda: self.stages.serves(), **node_options)
         self._transforms = Transforms(fusion.buffer)
         self.stages = LocalStages(self._transforms)
-        self.stages.fusion = fusion.fusion
+        self.stages.fusion = self._add(fusion).fusion
         self._add(GraspServerNode(self.stages, **node_options))
 
     def _add(self, node: NodeType) -> NodeType:
@@ -76,7 +76,12 @@ class Suite:
         self.stages.renderer = self._add(renderer).stage
         evaluator = GraspEvaluatorNode(self._make_planner, **options)
         self.stages.evaluator = self._add(evaluator).stage
-        reach = ReachabilityFilterNode(self._make_checker, self._transforms, **options)
+        reach = ReachabilityFilterNode(
+            self._make_checker,
+            self._transforms,
+            evaluator.stage.let_requests_go_first,
+            **options,
+        )
         self.stages.reach = self._add(reach).stage
 
     def close(self) -> None:

@@ -89,13 +89,18 @@ class GraspEvaluatorNode(Node):
             self._worker.put(message.candidates)
 
     def _stream(self, candidates: GraspArray) -> None:
-        """Publish the distinct candidates that are good enough, best first."""
+        """Publish the distinct candidates that are good enough, best first.
+
+        If requests came first, and a newer scene with them, these are left.
+        """
         config, grasps = self._config.current, from_grasp_array(candidates)
         view = self.stage.view_of(grasps, time.monotonic() + VOLUME_WAIT)
         patient_until, parts = time.monotonic() + PATIENCE, []
         for start in range(0, max(len(grasps), 1), STREAM_BATCH):
             rows = np.arange(start, min(start + STREAM_BATCH, len(grasps)))
-            self.stage.let_requests_go_first(patient_until)
+            waited = self.stage.let_requests_go_first(patient_until)
+            if waited and self.stage.knows_newer(view):
+                return
             parts.append(self.stage.evaluate(grasps.take(rows), view).grasps)
         scored = joined(parts)
         good = scored.take(scored.grasps.quality >= config.min_quality)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grasps with all that a ``GraspArray`` says of them, as arrays."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -67,6 +68,16 @@ class Reach:
             arms=("",) * count,
             manipulability=np.full(count, np.nan),
             joints=(np.zeros(0),) * count,
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence["Reach"]) -> "Reach":
+        """Return one after another what the robot makes of several lists."""
+        return cls(
+            codes=np.concatenate([part.codes for part in parts]),
+            arms=tuple(arm for part in parts for arm in part.arms),
+            manipulability=np.concatenate([part.manipulability for part in parts]),
+            joints=tuple(joints for part in parts for joints in part.joints),
         )
 
     def take(self, rows: NDArray[np.int64]) -> "Reach":
@@ -153,14 +164,7 @@ def joined(parts: list[GraspList]) -> GraspList:
     )
     reach = None
     if parts[0].reach is not None:
-        reaches = [part.reach for part in parts if part.reach is not None]
-        reach = replace(
-            reaches[0],
-            codes=np.concatenate([r.codes for r in reaches]),
-            arms=tuple(a for r in reaches for a in r.arms),
-            manipulability=np.concatenate([r.manipulability for r in reaches]),
-            joints=tuple(j for r in reaches for j in r.joints),
-        )
+        reach = Reach.joined([part.reach for part in parts if part.reach is not None])
     return replace(
         parts[0],
         grasps=grasps,

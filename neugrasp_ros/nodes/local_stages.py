@@ -58,6 +58,10 @@ class LocalStages(Stages):
         """Keep streams away from the planner."""
         return loaded(self.evaluator).request()
 
+    def serves(self) -> bool:
+        """Tell whether a request is running or about to go on."""
+        return self.evaluator is not None and self.evaluator.serves()
+
     def labels(self, deadline: float) -> tuple[str, ...]:
         """Return the affordance classes."""
         return loaded(self.evaluator).labels

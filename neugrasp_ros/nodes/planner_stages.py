@@ -121,9 +121,12 @@ class RendererStage:
         )
         return Staged(GraspList(info, GraspSet(np.zeros((0, 4, 4)), np.zeros(0))), {})
 
-    def let_requests_go_first(self, end: float) -> None:
-        """Wait for running requests, until a time at most; called by streams."""
-        self._shared.wait_for_requests(end)
+    def let_requests_go_first(self, end: float) -> bool:
+        """Wait for running requests; called by streams.
+
+        Args and result are those of ``SharedPlanner.wait_for_requests``.
+        """
+        return self._shared.wait_for_requests(end)
 
     def request(self) -> AbstractContextManager[None]:
         """Return what keeps streams away while a request runs."""
@@ -212,19 +215,25 @@ class EvaluatorStage:
         self._views: OrderedDict[int, SceneView] = OrderedDict()
         self._arrived = threading.Condition()
 
-    def let_requests_go_first(self, end: float) -> None:
-        """Wait for running requests, until a time at most; called by streams."""
-        self._shared.wait_for_requests(end)
+    def let_requests_go_first(self, end: float) -> bool:
+        """Wait for running requests; called by streams.
+
+        Args and result are those of ``SharedPlanner.wait_for_requests``.
+        """
+        return self._shared.wait_for_requests(end)
+
+    def serves(self) -> bool:
+        """Tell whether a request is running or about to go on."""
+        return self._shared.serves()
 
     def request(self) -> AbstractContextManager[None]:
         """Return what keeps streams away while a request runs."""
         return self._shared.request()
 
     def prepare(self, view: SceneView) -> None:
-        """Encode a scene in which something was measured, before it is asked about."""
+        """Get ready to score in a scene; nothing to do if nothing was measured."""
         if view.volume.observed.any():
-            with self._shared.timed():
-                self._shared.encode(view)
+            self._shared.prepare(view)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -239,6 +248,11 @@ class EvaluatorStage:
             while len(self._views) > self._config.current.kept_revisions:
                 self._views.popitem(last=False)
             self._arrived.notify_all()
+
+    def knows_newer(self, view: SceneView) -> bool:
+        """Tell whether a volume has come after this one."""
+        with self._arrived:
+            return bool(self._views) and next(reversed(self._views)) != view.revision
 
     def view_of(self, grasps: GraspList, deadline: float) -> SceneView:
         """Return the volume that grasps were made for; revision 0 = the newest.

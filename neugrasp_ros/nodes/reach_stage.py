@@ -22,6 +22,8 @@ from neugrasp_ros.robot.obstacles import SolidBox, make_obstacles
 
 FloatArray = NDArray[np.float64]
 
+BATCH = 64  # grasps of a stream for whose check a request has to wait at most
+
 
 class Checker(Protocol):
     """A robot that can say which grasps it reaches.
@@ -253,6 +255,7 @@ class ReachStage:
         grasps: GraspList,
         arms: tuple[str, ...],
         start: Mapping[str, float] | None = None,
+        before_batch: Callable[[], object] | None = None,
     ) -> GraspList:
         """Return the grasps, in their order, with what the robot makes of each.
 
@@ -260,6 +263,8 @@ class ReachStage:
             grasps: Grasps in any frame.
             arms: Planning groups to try; empty = the configured ones.
             start: Joint values by name; empty = the newest that came.
+            before_batch: Called before each ``BATCH`` of grasps, for who can wait; all
+                are checked in the same world. None = all are one batch.
 
         Raises:
             ConfigError: If an arm is unknown.
@@ -270,15 +275,22 @@ class ReachStage:
         if not len(grasps):
             return replace(grasps, info=replace(info, stage=STAGE_REACHABLE))
         T = self._transforms(self._checker.base_frame, info.frame_id, info.stamp)
-        checked = self._checker.check(
-            T @ grasps.grasps.poses,
+        poses = grasps.grasps.poses
+        world = (
             arms or self._config.current.arms,
             start or self._joints(),
             self._obstacles(),
             self.boxes,
         )
-        reach, poses = checked.reach, grasps.grasps.poses
-        poses = np.where(checked.flipped[:, None, None], flip_gripper(poses), poses)
+        size = BATCH if before_batch else len(poses)
+        parts = []
+        for first in range(0, len(poses), size):
+            if before_batch:
+                before_batch()
+            parts.append(self._checker.check(T @ poses[first : first + size], *world))
+        reach = Reach.joined([part.reach for part in parts])
+        flipped = np.concatenate([part.flipped for part in parts])
+        poses = np.where(flipped[:, None, None], flip_gripper(poses), poses)
         best_arm = next((arm for arm in reach.arms if arm), "")
         info = replace(
             info,

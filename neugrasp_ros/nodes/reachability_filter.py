@@ -6,6 +6,7 @@ about, ``~/suggest_base`` with at most one "grasp", whose pose is where the base
 have to stand, in the base frame.
 """
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -36,6 +37,7 @@ from neugrasp_ros.nodes.qos import latched, newest, overrides, sensor_input
 from neugrasp_ros.nodes.reach_stage import MakeChecker, ReachStage, load_checker
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.settings import ReachConfig
+from neugrasp_ros.nodes.shared_planner import PATIENCE
 from neugrasp_ros.nodes.solid_boxes import TOPIC, from_box_markers
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.work import LatestWorker, answer, shielded
@@ -50,10 +52,21 @@ class ReachabilityFilterNode(Node):
         self,
         make_checker: MakeChecker = load_checker,
         transforms: Transforms | None = None,
+        let_requests_go_first: Callable[[float], object] = lambda _: None,
         **node_options: Any,
     ) -> None:
-        """Load the robot, then wire topics and services."""
+        """Load the robot, then wire topics and services.
+
+        Args:
+            make_checker: Loads the robot.
+            transforms: Looks up transforms; default a listener of its own.
+            let_requests_go_first: Returns when no request is running, or at a time of
+                ``time.monotonic()``; the stream of grasps calls it between batches.
+                By default there is nothing to wait for.
+            node_options: Of the ROS node.
+        """
         super().__init__(NAME, **node_options)
+        self._let_requests_go_first = let_requests_go_first
         self._config = declare_config(self, ReachConfig, read_only=True)
         config = self._config.current
         self._gripper = load_gripper(config.gripper)
@@ -124,7 +137,10 @@ class ReachabilityFilterNode(Node):
     def _stream(self, message: GraspArray) -> None:
         config, grasps = self._config.current, from_grasp_array(message)
         grasps = grasps.take(np.arange(min(len(grasps), config.max_grasps)))
-        checked = self.stage.check(grasps, ())
+        patient_until = time.monotonic() + PATIENCE
+        checked = self.stage.check(
+            grasps, (), None, lambda: self._let_requests_go_first(patient_until)
+        )
         reached = checked.take(self.stage.reached(checked))
         if config.keep_unreachable:
             order = np.argsort(~self.stage.reached(checked), kind="stable")

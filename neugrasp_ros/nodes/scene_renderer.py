@@ -84,14 +84,22 @@ class SceneRendererNode(Node):
     def _stream(self, view: SceneView) -> None:
         """Publish candidates and surface; an empty scene gives an empty list.
 
-        Requests need not wait for more than one of its steps.
+        Requests need not wait for more than one of its steps. If one came first, and a
+        newer scene with it, that one's turn has come: this one is left.
         """
         config = self._config.current
         patient_until = time.monotonic() + PATIENCE
-        self.stage.let_requests_go_first(patient_until)
+
+        def is_late() -> bool:
+            waited = self.stage.let_requests_go_first(patient_until)
+            return waited and self._view is not view
+
+        if is_late():
+            return
         try:
             self.stage.prepare(view)
-            self.stage.let_requests_go_first(patient_until)
+            if is_late():
+                return
             staged = self.stage.sample(
                 view, None, self._planner.max_candidates, config.seed
             )
@@ -99,7 +107,8 @@ class SceneRendererNode(Node):
         except (DetectionError, EmptySceneError):
             self._candidates.publish(_message(self.stage.nothing(view)))
             return
-        self.stage.let_requests_go_first(patient_until)
+        if is_late():
+            return
         self._surface.publish(
             write_cloud(self.stage.surface(view), view.frame_id, to_stamp(view.stamp))
         )

@@ -7,6 +7,7 @@ from typing import Any
 
 from neugrasp_ros.config import Checked, option
 from neugrasp_ros.errors import ConfigError
+from neugrasp_ros.grasp.queries import KNOWN_FROM
 from neugrasp_ros.manipulation.settings import ExecutorConfig, MoverConfig
 from neugrasp_ros.nodes.params import fixed
 from neugrasp_ros.robot.settings import IkConfig, ReachabilityConfig
@@ -156,7 +157,9 @@ class SelectionConfig(Checked):
     """Which scored grasps are answered, in which order."""
 
     min_quality: float = option(0.5, "Least probability of success", 0.0, 1.0)
-    min_affordance: float = option(0.5, "Least score of the queried one", 0.0, 1.0)
+    min_affordance: float = option(
+        KNOWN_FROM, "Least score of the queried one", 0.0, 1.0
+    )
     rank_by: str = option(
         "quality*affordance",
         "What is best",

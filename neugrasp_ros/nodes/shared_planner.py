@@ -30,6 +30,9 @@ class Planner(Protocol):
     def encode(self, volume: TsdfVolume, revision: int) -> Any:
         """Encode a volume, or return what the same revision gave before."""
 
+    def prepare(self, scene: Any) -> None:
+        """Do what scores need once per scene."""
+
     def render(self, scene: Any) -> Any:
         """Return the completed surface, with ``points`` and ``normals``."""
 
@@ -66,7 +69,7 @@ class SharedPlanner:
         self.gripper = gripper
         self._lock = threading.Lock()
         self._asked = 0.0  # when its holder began to wait for it [s]
-        self._pass = (-1, 0.0, 0.0)  # newest encoder pass: revision, begin, end [s]
+        self._pass = (-1, 0.0, 0.0)  # newest scene's passes: revision, begin, end [s]
         self._requests = 0
         self._answered = -LINGER  # when the last request ended, time.monotonic() [s]
         self._idle = threading.Condition()
@@ -84,18 +87,30 @@ class SharedPlanner:
                 self._answered = time.monotonic()
                 self._idle.notify_all()
 
-    def wait_for_requests(self, end: float) -> None:
+    def serves(self) -> bool:
+        """Tell whether a request is running or about to go on."""
+        with self._idle:
+            return bool(self._requests) or time.monotonic() < self._answered + LINGER
+
+    def wait_for_requests(self, end: float) -> bool:
         """Return when no request is running or about to go on.
 
         Args:
             end: Of ``time.monotonic()``, when it returns all the same.
+
+        Returns:
+            Whether a request came first. False, too, when the time is over: whoever has
+            waited that long goes on with what it has.
         """
+        waited = False
         with self._idle:
             while (now := time.monotonic()) < end:
                 quiet = end if self._requests else min(self._answered + LINGER, end)
                 if now >= quiet:
-                    return
+                    return waited
+                waited = True
                 self._idle.wait(quiet - now)
+        return False
 
     @contextmanager
     def timed(self) -> Iterator[dict[str, float]]:
@@ -111,14 +126,30 @@ class SharedPlanner:
     def encode(self, view: SceneView) -> Any:
         """Return a scene as the planner sees it; whoever calls holds the planner.
 
-        A pass begun for somebody else counts as far as this one had to wait for it.
+        A pass begun for somebody else counts as far as this one had to wait for it; of
+        several who waited, the first is told.
         """
         planner, begin = self.planner, time.perf_counter()
         passes = planner.encoder_passes
         scene = planner.encode(view.volume, view.revision)
         if planner.encoder_passes != passes:
             self._pass = view.revision, begin, time.perf_counter()
+            return scene
         revision, begin, end = self._pass
-        if revision == view.revision and end > self._asked:
-            planner.timings["encoding"] = end - max(begin, self._asked)
+        begin = max(begin, self._asked)
+        if revision == view.revision and end > begin:
+            planner.timings["encoding"] = end - begin
+            self._pass = revision, end, end  # told once, however many waited
         return scene
+
+    def prepare(self, view: SceneView) -> None:
+        """Encode a scene and get ready to score in it, before anybody asks.
+
+        The first to come meanwhile is told the time that this made it wait.
+        """
+        with self.timed():
+            begin = time.perf_counter()
+            self.planner.prepare(self.encode(view))
+            if self._pass[0] == view.revision:
+                begin = self._pass[1]
+            self._pass = view.revision, begin, time.perf_counter()

@@ -36,6 +36,7 @@ from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.scene_file import read_scene, write_scene
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import FusionConfig
+from neugrasp_ros.nodes.shared_planner import PATIENCE
 from neugrasp_ros.nodes.work import answer, shielded, to_timings
 
 NAME = "tsdf_fusion"
@@ -46,9 +47,18 @@ SHOW_DELAY = 0.3  # [s] by which a request about a new scene is answered
 class TsdfFusionNode(Node):
     """Fuse depth images; parameters are those of ``FusionConfig``."""
 
-    def __init__(self, **node_options: Any) -> None:
-        """Wire topics and services."""
+    def __init__(
+        self, serves_request: Callable[[], bool] = lambda: False, **node_options: Any
+    ) -> None:
+        """Wire topics and services.
+
+        Args:
+            serves_request: Tells whether somebody waits for grasps in this process;
+                what only people look at can wait.
+            node_options: Of the ROS node.
+        """
         super().__init__(NAME, **node_options)
+        self._serves_request = serves_request
         self._config = declare_config(self, FusionConfig)
         self.buffer = Buffer()
         self._listener = TransformListener(self.buffer, self)
@@ -153,9 +163,11 @@ class TsdfFusionNode(Node):
         self._to_show = view
 
     def _show(self) -> None:
-        """Publish the cloud and the outline of the newest scene, when it is time."""
-        view = self._to_show
-        if view is None or time.monotonic() < self._show_due:
+        """Publish the cloud and the outline of the newest scene, when there is time."""
+        view, now = self._to_show, time.monotonic()
+        if view is None or now < self._show_due:
+            return
+        if self._serves_request() and now < self._show_due + PATIENCE:
             return
         self._to_show = None
         stamp = to_stamp(view.stamp)

@@ -6,6 +6,7 @@ import threading
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from neugrasp_msgs.action import DetectGrasps as DetectAction
+from neugrasp_msgs.srv import DetectGrasps
 from nodes.camera_node import CameraNode, ClientNode
 from nodes.standin import make_side_checker, make_standin
 from nodes.synthetic import CAMERA_FRAME, Scene
@@ -66,8 +67,26 @@ class Bench:
             self.camera.scene.add_box(box)
 
 
+def newest(bench, topic):
+    """Return what the user heard last on a topic, or None."""
+    heard = bench.user.heard[topic]
+    return heard[-1] if heard else None
+
+
 def ask(bench, **fields):
     return bench.user.ask(**({"seed": 1} | fields))
+
+
+def begin(bench, wait_until) -> None:
+    """Let both boxes be seen, whatever happened before."""
+    bench.camera.sends = {"depth", "info"}
+    bench.camera.encoding, bench.camera.age = "32FC1", 0.0
+    bench.camera.edit = lambda image: image
+    bench.allow_age(PATIENT)
+    bench.show(LEFT, RIGHT)
+    fresh = DetectGrasps.Request.SCENE_FRESH
+    wait_until(lambda: ask(bench, scene=fresh).success, seconds=30.0)
+    wait_until(lambda: newest(bench, "grasps"), seconds=30.0)
 
 
 def positions(response) -> np.ndarray:

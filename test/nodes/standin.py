@@ -33,6 +33,7 @@ class SurfacePlanner:
         self.encoder_passes = 0
         self.timings: dict[str, float] = {}
         self._encoded: Encoded | None = None
+        self.prepared: list[int] = []  # revisions that got ready for scores
 
     def encode(self, volume: TsdfVolume, revision: int) -> Encoded:
         known = self._encoded
@@ -41,6 +42,9 @@ class SurfacePlanner:
             self.timings["encoding"] = 0.001
             self._encoded = Encoded(volume, revision)
         return self._encoded
+
+    def prepare(self, scene: Encoded) -> None:
+        self.prepared.append(scene.revision)
 
     def render(self, scene: Encoded) -> SimpleNamespace:
         points, normals = seen_surface(scene.volume)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole pipeline in one process over real DDS; planner and robot in closed form."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -15,24 +13,16 @@ from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
 from nodes.bench import (  # noqa: E402
     LEFT,
     ORIGIN,
-    PATIENT,
     RIGHT,
     Bench,
     ask,
+    begin,
     duration,
     mask_of,
     positions,
 )
-from nodes.standin import SurfacePlanner  # noqa: E402
 
 pytestmark = pytest.mark.ros
-
-STREAM_SEED = 1  # of the candidates that nobody asked for
-
-
-def newest(bench, topic):
-    heard = bench.user.heard[topic]
-    return heard[-1] if heard else None
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +36,7 @@ def bench(ros):
 @pytest.fixture(autouse=True)
 def usual(bench, wait_until):
     """Begin each test with both boxes seen, whatever the one before did."""
-    bench.camera.sends = {"depth", "info"}
-    bench.camera.encoding, bench.camera.age = "32FC1", 0.0
-    bench.camera.edit = lambda image: image
-    bench.allow_age(PATIENT)
-    bench.show(LEFT, RIGHT)
-    fresh = DetectGrasps.Request.SCENE_FRESH
-    wait_until(lambda: ask(bench, scene=fresh).success, seconds=30.0)
-    wait_until(lambda: newest(bench, "grasps"), seconds=30.0)
+    begin(bench, wait_until)
 
 
 def test_a_grasp_on_each_box_with_a_full_report(bench, wait_until):
@@ -78,50 +61,6 @@ def test_a_grasp_on_each_box_with_a_full_report(bench, wait_until):
     where = positions(response) - ORIGIN
     for box in (LEFT, RIGHT):
         assert np.linalg.norm(where[:, :2] - box[:2], axis=1).min() < 0.03
-
-
-def topics_agree(bench) -> bool:
-    """Return whether the last poses and the best one are those of the last array."""
-    poses = [grasp.pose for grasp in newest(bench, "grasps").grasps]
-    listed = list(newest(bench, "grasps/poses").poses)
-    return listed == poses and newest(bench, "grasps/best").pose == poses[0]
-
-
-def test_a_listener_who_never_calls_hears_of_a_change_within_three_seconds(
-    bench, wait_until
-):
-    bench.show(LEFT)
-    wait_until(
-        lambda: (
-            (a := newest(bench, "grasps"))
-            and a.grasps
-            and all(g.pose.position.y > 0 for g in a.grasps)
-        ),
-        seconds=10.0,
-    )
-    bench.show(RIGHT)
-    wait_until(
-        lambda: (
-            (a := newest(bench, "grasps")).grasps
-            and all(g.pose.position.y < 0 for g in a.grasps)
-        ),
-        seconds=3.0,
-    )
-    wait_until(lambda: topics_agree(bench), seconds=3.0)
-    wait_until(lambda: len(newest(bench, "grasps/markers").markers) == 2, seconds=3.0)
-    bench.show()
-    wait_until(lambda: not newest(bench, "grasps").grasps, seconds=3.0)
-    wait_until(lambda: len(newest(bench, "grasps/markers").markers) == 1, seconds=3.0)
-
-
-def test_every_answer_appears_on_the_topics_too(bench, wait_until):
-    bench.show(LEFT, RIGHT)
-    wait_until(lambda: len(newest(bench, "grasps").grasps) > 1)
-    response = ask(bench, max_grasps=1)
-    wait_until(lambda: len(newest(bench, "grasps").grasps) == 1)
-    heard = newest(bench, "grasps")
-    assert heard.header == response.grasps.header
-    assert heard.grasps[0].pose == response.grasps.grasps[0].pose
 
 
 def test_an_object_that_is_gone_has_no_grasp_in_a_fresh_view(bench):
@@ -151,29 +90,6 @@ def test_after_an_execution_the_server_asks_for_a_fresh_view_by_itself(
     )
     bench.camera.sends = {"depth", "info"}
     assert ask(bench).success
-
-
-def settled(value, seconds: float = 2.0):
-    """Return a value once it has not changed for a while: the streams are done."""
-    last, since = value(), time.monotonic()
-    while time.monotonic() - since < seconds:
-        if (now := value()) != last:
-            last, since = now, time.monotonic()
-        time.sleep(0.05)
-    return last
-
-
-def test_the_two_nodes_share_one_encoder_pass(bench):
-    planner = bench.suite._make_planner._made[1].planner
-    bench.show(LEFT)
-    ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
-    passes = settled(lambda: planner.encoder_passes)
-    ask(bench)
-    ask(bench)
-    assert planner.encoder_passes == passes
-    bench.show(LEFT, RIGHT)
-    ask(bench, scene=DetectGrasps.Request.SCENE_FRESH)
-    assert settled(lambda: planner.encoder_passes) == passes + 1
 
 
 @pytest.mark.parametrize(
@@ -361,21 +277,3 @@ def test_answers_say_where_the_pads_will_touch(bench):
         assert apart == pytest.approx(grasp.width, abs=1e-6)
         where = [getattr(grasp.pose.position, axis) for axis in "xyz"]
         np.testing.assert_allclose(np.add(first, second) / 2, where, atol=1e-6)
-
-
-def test_a_view_that_has_not_changed_keeps_the_seed_that_was_drawn(bench):
-    fresh = DetectGrasps.Request.SCENE_FRESH
-    drawn = []
-    for _ in range(2):
-        assert ask(bench, scene=fresh, seed=0).success
-        bench.camera.sends = set()  # nothing changes any more
-        before = len(SurfacePlanner.seeds)
-        first, again = ask(bench, seed=0), ask(bench, seed=0, max_candidates=1)
-        assert first.success and again.success
-        assert again.report.sampled == 1
-        seeds = {s for s in SurfacePlanner.seeds[before:] if s != STREAM_SEED}
-        assert len(seeds) == 1
-        drawn += seeds
-        bench.camera.sends = {"depth", "info"}
-        bench.show(LEFT)
-    assert drawn[0] != drawn[1]

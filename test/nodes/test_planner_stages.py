@@ -49,6 +49,7 @@ def test_a_scene_that_is_prepared_is_not_encoded_when_it_is_asked_about(shared, 
     assert shared.planner.encoder_passes == 1
     evaluator = EvaluatorStage(shared, LiveConfig(EvaluatorConfig()))
     evaluator.prepare(view)
+    assert shared.planner.prepared == [view.revision]
     assert "quality" in evaluator.evaluate(staged.grasps, view).seconds
     assert shared.planner.encoder_passes == 1
 

@@ -7,12 +7,18 @@ import pytest
 
 pytest.importorskip("neugrasp_msgs")
 
+from nodes.standin import SideChecker  # noqa: E402
+
 from neugrasp_ros.errors import ConfigError  # noqa: E402
 from neugrasp_ros.geometry.transform import translation  # noqa: E402
 from neugrasp_ros.grasp.types import GraspSet  # noqa: E402
 from neugrasp_ros.nodes.grasp_list import GraspInfo, GraspList  # noqa: E402
 from neugrasp_ros.nodes.params import LiveConfig  # noqa: E402
-from neugrasp_ros.nodes.reach_stage import ReachStage, RobotChecker  # noqa: E402
+from neugrasp_ros.nodes.reach_stage import (  # noqa: E402
+    BATCH,
+    ReachStage,
+    RobotChecker,
+)
 from neugrasp_ros.nodes.settings import ReachConfig  # noqa: E402
 
 ARMS = ("arm_left_torso", "arm_right_torso")
@@ -45,6 +51,24 @@ def test_an_unknown_arm_is_refused_with_the_known_ones(stage, grasps):
         stage.suggest_base(grasps, ("tail",))
     assert stage.suggest_base(grasps, ())[0, 3] == 1.0
     assert stage.suggest_base(grasps, ARMS[:1])[0, 3] == 1.0
+
+
+def test_batches_are_told_what_one_list_is(grasps):
+    stage = ReachStage(
+        SideChecker(), LiveConfig(ReachConfig()), lambda *_: np.eye(4), lambda: {}
+    )
+    sides = np.where(np.arange(BATCH + 30) <= BATCH, 0.1, -0.1)
+    poses = np.array([translation(0.0, y, 0.0) for y in sides])
+    many = GraspList(grasps.info, GraspSet(poses, np.ones(len(poses))))
+    pauses = []
+    whole = stage.check(many, ARMS[1:])
+    parts = stage.check(many, ARMS[1:], None, lambda: pauses.append(1))
+    assert len(pauses) == 2
+    assert parts.info.tcp_frame == whole.info.tcp_frame == "gripper_right_tcp"
+    assert stage.reached(parts).tolist() == (sides < 0).tolist()
+    np.testing.assert_array_equal(parts.reach.codes, whole.reach.codes)
+    assert parts.reach.arms == whole.reach.arms
+    assert stage.check(many.take(np.arange(0)), (), None, lambda: None).reach is None
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ class SlowPlanner:
     def __init__(self) -> None:
         self.encoder_passes = 0
         self.timings: dict[str, float] = {}
-        self.begun = threading.Event()
+        self.begun, self.prepared = threading.Event(), threading.Event()
         self._revision = -1
 
     def encode(self, volume, revision):
@@ -31,6 +31,10 @@ class SlowPlanner:
             self.timings["encoding"] = PASS
             self._revision = revision
         return revision
+
+    def prepare(self, scene):
+        self.prepared.set()
+        time.sleep(PASS)
 
 
 @pytest.fixture
@@ -80,6 +84,37 @@ def test_the_time_for_another_scene_does_not_count(shared):
     counted = encoded(shared, 2)["encoding"]
     assert counted < time.perf_counter() - start - PASS / 4
     other.join()
+
+
+def test_getting_ready_counts_as_far_as_it_was_waited_for(shared):
+    other = threading.Thread(target=shared.prepare, args=(view(1),))
+    other.start()
+    assert shared.planner.prepared.wait(5.0)  # encoded, and not ready yet
+    start = time.perf_counter()
+    counted = encoded(shared, 1)["encoding"]
+    assert PASS / 4 < counted <= time.perf_counter() - start
+    other.join()
+    assert "encoding" not in encoded(shared, 1)
+
+
+def test_of_several_who_wait_one_is_told(shared):
+    told: list[dict[str, float]] = []
+    threads = [threading.Thread(target=shared.prepare, args=(view(1),))]
+    threads[0].start()
+    assert shared.planner.prepared.wait(5.0)
+    for _ in range(2):
+        threads.append(threading.Thread(target=lambda: told.append(encoded(shared, 1))))
+        threads[-1].start()
+    for thread in threads:
+        thread.join()
+    assert sum("encoding" in seconds for seconds in told) == 1
+
+
+def test_who_waited_is_told_unless_patience_ended(shared):
+    assert not shared.wait_for_requests(time.monotonic() + 5.0)
+    with shared.request():
+        assert not shared.wait_for_requests(time.monotonic() + 0.1)
+    assert shared.wait_for_requests(time.monotonic() + 30.0)  # LINGER
 
 
 def waited(shared: SharedPlanner, seconds: float) -> float:
