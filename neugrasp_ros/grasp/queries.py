@@ -12,11 +12,12 @@ from neugrasp_ros.errors import ConfigError, UnknownAffordanceError
 FloatArray = NDArray[np.float64]
 
 ANY, ALL = "|", "&"
-KNOWN_FROM = 0.5
+KNOWN_FROM = 0.4
 """Least calibrated probability of a class to speak of it.
 
-Below it the class is less likely than not; a grasp none of whose classes reaches it is
-good for nothing that is known.
+A lower value answers more queries, rightly where the class is there and wrongly where
+it is not; chosen on the tuning split, see docs/affordances.md. A grasp none of whose
+classes reaches it is good for nothing that is known.
 """
 
 

@@ -3,7 +3,12 @@ import numpy as np
 import pytest
 
 from neugrasp_ros.errors import ConfigError, UnknownAffordanceError
-from neugrasp_ros.grasp.queries import expected_gain, good_for, parse_query
+from neugrasp_ros.grasp.queries import (
+    KNOWN_FROM,
+    expected_gain,
+    good_for,
+    parse_query,
+)
 
 LABELS = ("cut", "stab", "pour")
 SCORES = np.array([[0.9, 0.2, 0.1], [0.3, 0.6, 0.5]])
@@ -54,7 +59,7 @@ def test_without_a_query_or_a_score_the_gain_is_the_quality_or_nothing():
     assert gain.tolist() == [0.7, 0.0]
 
 
-def test_a_grasp_is_good_for_what_is_likelier_than_not():
-    assert good_for([0.5, 0.2, 0.9], LABELS) == ["pour", "cut"]
-    assert good_for([0.49, 0.2, 0.1], LABELS) == []
-    assert good_for([0.49, 0.2, 0.1], LABELS, least=0.2) == ["cut", "stab"]
+def test_a_grasp_is_good_for_what_is_likely_enough():
+    assert good_for([KNOWN_FROM, 0.2, 0.9], LABELS) == ["pour", "cut"]
+    assert good_for([KNOWN_FROM - 0.01, 0.2, 0.1], LABELS) == []
+    assert good_for([0.39, 0.2, 0.1], LABELS, least=0.2) == ["cut", "stab"]
