@@ -24,7 +24,7 @@ from sim_bridge.scene import Scene, placed_model
 from sim_bridge.trial import run_trials
 from sim_bridge.world import World
 
-N_CANDIDATES = 24  # random candidates that a probe tries
+N_CANDIDATES = 24  # random candidates that tell whether a true grasp is there
 MIN_QUALITY = 0.5
 NONE = -1  # row of an answer that was not given
 
@@ -38,8 +38,9 @@ class Answer:
 
     Attributes:
         affordance: The class.
-        exists: A true grasp is there: one of the random candidates holds and affords
-            it. False if no part of any object affords it; None = cannot be told.
+        exists: A true grasp is there: one of the first ``N_CANDIDATES`` random ones
+            holds and affords it. False if no part of any object affords it; None =
+            cannot be told.
         answered: The network returned a grasp.
         success: It held.
         affords: It truly affords the class.
@@ -103,7 +104,8 @@ def probe_scene(
         index: Number of the scene.
         policy: Returns all candidates, scored, and the names of its classes.
         sets: Object sets by the name in the suite; others come from the registry.
-        n_candidates: Random candidates to try.
+        n_candidates: Random candidates to try; more make the average precision surer
+            and leave the queries as they are.
 
     Raises:
         UnknownAffordanceError: If a class has no true labels.
@@ -121,11 +123,12 @@ def probe_scene(
         wanted = {*rows.tolist(), *firsts} - {NONE}
         truth = _try(round_, world, plan, wanted, (scene, sets))
     good = rows[truth.held[rows]]
+    found = truth.affords[rows[:N_CANDIDATES]] & truth.held[rows[:N_CANDIDATES], None]
     offered = offered_classes(scene, sets)[columns]
     answers = tuple(
         Answer(
             affordance=name,
-            exists=_exists(bool(offered[c]), truth.affords[good, c]),
+            exists=_exists(bool(offered[c]), found[:, c]),
             answered=row != NONE,
             success=row != NONE and bool(truth.held[row]),
             affords=row != NONE and bool(truth.affords[row, c]),

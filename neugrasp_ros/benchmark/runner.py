@@ -5,9 +5,10 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from typing import TypeVar
 
-from neugrasp_ros.benchmark.probes import ProbeRecord, probe_scene
+from neugrasp_ros.benchmark.probes import N_CANDIDATES, ProbeRecord, probe_scene
 from neugrasp_ros.benchmark.protocol import Policy, Suite, Watcher, run_round
 from neugrasp_ros.benchmark.records import RoundRecord
 from neugrasp_ros.errors import SimulationError
@@ -27,14 +28,21 @@ def run_suite(
 
 
 def run_probes(
-    suite: Suite, indices: Sequence[int], setup: Setup, workers: int = 1
+    suite: Suite,
+    indices: Sequence[int],
+    setup: Setup,
+    workers: int = 1,
+    n_candidates: int = N_CANDIDATES,
 ) -> Iterator[ProbeRecord]:
-    """Probe scenes; see ``run_jobs``."""
-    return run_jobs(_probe, suite, indices, setup, workers)
+    """Probe scenes with so many random candidates each; see ``run_jobs``."""
+    work = partial(_probe, n_candidates=n_candidates)
+    return run_jobs(work, suite, indices, setup, workers)
 
 
-def _probe(suite: Suite, index: int, policy: Policy, _: Watcher | None) -> ProbeRecord:
-    return probe_scene(suite, index, policy)
+def _probe(
+    suite: Suite, index: int, policy: Policy, _: Watcher | None, n_candidates: int
+) -> ProbeRecord:
+    return probe_scene(suite, index, policy, n_candidates=n_candidates)
 
 
 def run_jobs(

@@ -36,6 +36,11 @@ def add_parser(
     )  # fmt: skip
     add("--rounds", type=int, default=100)
     add("--probes", type=int, help="scenes asked about each class; default --rounds")
+    add(
+        "--candidates", type=int, default=24,
+        help="random candidates tried in each of these; more make average precisions "
+        "surer, the queries stay the same",
+    )  # fmt: skip
     add("--seed", type=int, default=0)
     add("--workers", type=int, default=1)
     add("--weights", default="", help="weights file; default the shipped one")
@@ -68,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     if args.table:
         print(markdown_table(load_results(args.table)))
         return 0
-    require_positive(args, "rounds")
+    require_positive(args, "rounds", "candidates")
     served = args.scene == "affordance"
     suite = Suite(
         scene="pile" if served else args.scene,
@@ -89,14 +94,18 @@ def run(args: argparse.Namespace) -> int:
     result = figures(suite, args.policy, rounds, args.weights, command)
     if served:
         count = args.rounds if args.probes is None else args.probes
-        result["affordance"] = _probe(suite, count, config, args.workers)
+        result["affordance"] = _probe(
+            suite, count, config, args.workers, args.candidates
+        )
     if args.json:
         write_report(args.json, result)
     print({k: v for k, v in result.items() if k not in ("rounds", "attempt_list")})
     return 0
 
 
-def _probe(suite: Any, count: int, config: Any, workers: int) -> dict[str, Any]:
+def _probe(
+    suite: Any, count: int, config: Any, workers: int, n_candidates: int
+) -> dict[str, Any]:
     """Ask scenes about each class; return the figures."""
     import numpy as np
 
@@ -107,7 +116,7 @@ def _probe(suite: Any, count: int, config: Any, workers: int) -> dict[str, Any]:
     classes = GraspPlanner(config).affordances
     probes = []
     for probe in run_probes(
-        suite, range(count), partial(_setup, "scored", config), workers
+        suite, range(count), partial(_setup, "scored", config), workers, n_candidates
     ):
         probes.append(probe)
         print(f"probe {len(probes)}/{count}: {probe.n_tried} grasps tried", flush=True)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sim_shapes import looking_down, model_of
 
+from neugrasp_ros.benchmark import probes
 from neugrasp_ros.benchmark.probes import (
     NONE,
     first_answers,
@@ -74,6 +75,20 @@ def test_whether_a_grasp_exists_is_open_where_none_was_found():
     assert probe.predicted == ()
     assert probe.answers[0].exists is None
     assert probe.answers[0].success and probe.answers[0].affords
+
+
+def test_more_candidates_are_predicted_and_leave_the_queries_as_they_are(monkeypatch):
+    monkeypatch.setattr(probes, "N_CANDIDATES", 1)
+    policy = two_grasps(("pour",), [[0.9], [0.2]])
+    few, many = (
+        [probe_scene(SUITE, index, policy, SETS, n_candidates=n) for index in range(4)]
+        for n in (1, 2)
+    )
+    assert [probe.answers for probe in few] == [probe.answers for probe in many]
+    assert [len(probe.predicted) for probe in many] == [1, 1, 1, 1]
+    exist = [bool(probe.answers[0].exists) for probe in many]
+    assert [len(probe.predicted) for probe in few] == exist
+    assert set(exist) == {True, False}
 
 
 def test_a_class_without_true_labels_is_refused():
