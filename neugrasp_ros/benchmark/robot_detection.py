@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.fusion.tsdf import seen_surface
+from neugrasp_ros.geometry.support import ABOVE_SUPPORT
 from neugrasp_ros.geometry.transform import flip_gripper
 from neugrasp_ros.grasp.ranking import distinct
 from neugrasp_ros.grasp.types import GraspSet
@@ -22,7 +23,7 @@ from neugrasp_ros.robot.reachability import Reach, ReachabilityChecker
 FloatArray = NDArray[np.float64]
 
 SUPPORT_HEIGHT = 0.05  # [m], of the support in the task frame
-ABOVE_SUPPORT, LEAST_POINTS = 0.01, 20  # [m] and points that make something to grasp
+LEAST_POINTS = 20  # that make something to grasp
 GOOD_QUALITY = 0.5
 NEAR, TURNED = 0.02, float(np.deg2rad(20.0))  # [m], [rad]; nearer is the same grasp
 MAX_CANDIDATES = 256

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.errors import RevisionError
 from neugrasp_ros.fusion.tsdf import seen_surface
+from neugrasp_ros.geometry.support import ABOVE_SUPPORT
 from neugrasp_ros.geometry.transform import apply, invert
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.nodes.grasp_list import (
@@ -32,7 +33,6 @@ from neugrasp_ros.nodes.shared_planner import SharedPlanner
 
 FloatArray = NDArray[np.float64]
 
-ABOVE_SUPPORT = 0.01  # [m]; what reaches less far above its support is the support
 LEAST_POINTS = 20  # seen surface points that make something to look at
 
 
