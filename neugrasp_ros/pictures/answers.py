@@ -13,15 +13,17 @@ from numpy.typing import NDArray
 
 from neugrasp_ros.geometry.gripper import Gripper
 from neugrasp_ros.pictures.decision import draw_depth
-from neugrasp_ros.pictures.scene_axes import draw_grippers, draw_surface, frame_cube
+from neugrasp_ros.pictures.scene_axes import draw_grippers, draw_surface, frame_box
 
 FloatArray = NDArray[np.float64]
 
 COLUMNS = 4
 SHOWN_GRASPS = 6
 DPI = 110
-LEAST_EDGE = 0.2  # [m], of the cube shown
-ZOOM = 1.25
+LEAST_EDGE = 0.2  # [m], of the box shown
+FOR_HANDS = 0.08  # [m] above the surface
+ZOOM = 1.3
+LIGHTEST = 0.6  # of the way from black to white, of the surface's highest points
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +76,13 @@ def draw_answers(
     grid = figure.add_gridspec(rows, COLUMNS, wspace=0.04, hspace=0.14)
     draw_depth(figure.add_subplot(grid[0]), depth)
     colors = class_colors([answer.name for answer in answers])
-    lower, edge = _around(surface)
+    lower, edges = _around(surface)
+    brightness = _brightness(surface)
     for place, answer in enumerate(answers, start=1):
         axes = figure.add_subplot(grid[place], projection="3d")
-        draw_surface(axes, surface, cmap="Greys_r", s=7, alpha=0.7)
+        draw_surface(
+            axes, surface, c=brightness, cmap="Greys_r", vmin=0.0, vmax=1.0, s=6
+        )
         color = colors[answer.name]
         rest = slice(1, SHOWN_GRASPS)
         draw_grippers(
@@ -88,22 +93,30 @@ def draw_answers(
             axes, answer.grasps[:1], answer.widths[:1], gripper,
             colors=color, linewidth=4.0,
         )  # fmt: skip
-        frame_cube(axes, lower, edge, _caption(answer))
-        axes.set_box_aspect((1, 1, 1), zoom=ZOOM)
+        frame_box(axes, lower, edges, _caption(answer), zoom=ZOOM)
         axes.title.set_color(color)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, bbox_inches="tight")
 
 
-def _around(surface: FloatArray) -> tuple[FloatArray, float]:
-    """Return lower corner and edge of a cube that holds a surface and hands above."""
+def _around(surface: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return lower corner and edges of a box that holds a surface and hands above."""
     if not len(surface):
-        return np.zeros(3), LEAST_EDGE
+        return np.zeros(3), np.full(3, LEAST_EDGE)
     lower, upper = surface.min(axis=0), surface.max(axis=0)
-    edge = max(LEAST_EDGE, float((upper - lower).max()))
-    corner = (lower + upper - edge) / 2
-    corner[2] = lower[2] - 0.02
-    return corner, edge
+    width = max(LEAST_EDGE, float((upper - lower)[:2].max()))
+    corner = (lower + upper - width) / 2
+    corner[2] = lower[2]
+    return corner, np.array([width, width, upper[2] - lower[2] + FOR_HANDS])
+
+
+def _brightness(surface: FloatArray) -> FloatArray:
+    """Return a grey for each point (N,), the lighter the higher."""
+    heights = surface[:, 2]
+    if not len(heights):
+        return heights
+    low, high = heights.min(), heights.max()
+    return LIGHTEST * (heights - low) / max(high - low, 1e-6)
 
 
 def _caption(answer: ClassAnswer) -> str:

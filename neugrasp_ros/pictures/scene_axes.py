@@ -80,9 +80,16 @@ def draw_surface(axes: Any, points: FloatArray, **style: Any) -> None:
 
 def frame_cube(axes: Any, lower: FloatArray, edge: float, title: str) -> None:
     """Fit axes to a cube, hide their decoration, and look down from the side."""
-    for axis, low in zip("xyz", lower, strict=True):
+    frame_box(axes, lower, np.full(3, edge), title, zoom=1.45)
+
+
+def frame_box(
+    axes: Any, lower: FloatArray, edges: FloatArray, title: str, zoom: float
+) -> None:
+    """Do so for a box; its corner and edges (3,) in [m]."""
+    for axis, low, edge in zip("xyz", lower, edges, strict=True):
         getattr(axes, f"set_{axis}lim")(low, low + edge)
-    axes.set_box_aspect((1, 1, 1), zoom=1.45)
+    axes.set_box_aspect(tuple(edges / edges.max()), zoom=zoom)
     axes.view_init(elev=35, azim=-150)
     axes.set_axis_off()
     axes.set_title(title, fontsize=10)
