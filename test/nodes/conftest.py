@@ -3,6 +3,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -58,6 +59,17 @@ def wait_until(
             return value
         time.sleep(0.01)
     raise AssertionError(f"not within {seconds} s: {what or condition}")
+
+
+@pytest.fixture(scope="module")
+def bench(ros: None) -> Iterator[Any]:
+    """Yield a composed suite that is at work, its camera and two users."""
+    from nodes.bench import Bench
+
+    bench = Bench()
+    bench.start()
+    yield bench
+    bench.stop()
 
 
 @pytest.fixture(name="wait_until")

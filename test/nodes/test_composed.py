@@ -14,7 +14,6 @@ from nodes.bench import (  # noqa: E402
     LEFT,
     ORIGIN,
     RIGHT,
-    Bench,
     ask,
     begin,
     duration,
@@ -23,14 +22,6 @@ from nodes.bench import (  # noqa: E402
 )
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture(scope="module")
-def bench(ros):
-    bench = Bench()
-    bench.start()
-    yield bench
-    bench.stop()
 
 
 @pytest.fixture(autouse=True)

@@ -9,20 +9,12 @@ pytest.importorskip("neugrasp_msgs")
 
 from neugrasp_msgs.msg import GraspArray  # noqa: E402
 from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
-from nodes.bench import LEFT, RIGHT, Bench, ask, begin, newest  # noqa: E402
+from nodes.bench import LEFT, RIGHT, ask, begin, newest  # noqa: E402
 from nodes.standin import SurfacePlanner  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
 STREAM_SEED = 1  # of the candidates that nobody asked for
-
-
-@pytest.fixture(scope="module")
-def bench(ros):
-    bench = Bench()
-    bench.start()
-    yield bench
-    bench.stop()
 
 
 @pytest.fixture(autouse=True)
