@@ -32,6 +32,7 @@ def run_probes(
     indices: Sequence[int],
     setup: Setup,
     workers: int = 1,
+    *,
     n_candidates: int = N_CANDIDATES,
 ) -> Iterator[ProbeRecord]:
     """Probe scenes with so many random candidates each; see ``run_jobs``."""

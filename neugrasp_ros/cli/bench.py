@@ -38,8 +38,8 @@ def add_parser(
     add("--probes", type=int, help="scenes asked about each class; default --rounds")
     add(
         "--candidates", type=int, default=24,
-        help="random candidates tried in each of these; more make average precisions "
-        "surer, the queries stay the same",
+        help="random candidates tried in each of these, 24 or more: more make average "
+        "precisions surer, the queries stay the same",
     )  # fmt: skip
     add("--seed", type=int, default=0)
     add("--workers", type=int, default=1)
@@ -64,16 +64,23 @@ def _setup(policy: str, config: Any, album: Path | None = None) -> tuple[Any, An
 
 def run(args: argparse.Namespace) -> int:
     """Run the rounds, say how it goes, write the figures."""
+    from neugrasp_ros.benchmark.probes import N_CANDIDATES
     from neugrasp_ros.benchmark.protocol import Suite
     from neugrasp_ros.benchmark.report import figures, say, write_report
     from neugrasp_ros.benchmark.runner import run_suite
     from neugrasp_ros.benchmark.table import load_results, markdown_table
     from neugrasp_ros.config import PlannerConfig
+    from neugrasp_ros.errors import ConfigError
 
     if args.table:
         print(markdown_table(load_results(args.table)))
         return 0
-    require_positive(args, "rounds", "candidates")
+    require_positive(args, "rounds")
+    if args.candidates < N_CANDIDATES:
+        raise ConfigError(
+            f"--candidates must be at least {N_CANDIDATES}, which tell whether a true "
+            f"grasp is there, got {args.candidates}"
+        )
     served = args.scene == "affordance"
     suite = Suite(
         scene="pile" if served else args.scene,
@@ -94,9 +101,7 @@ def run(args: argparse.Namespace) -> int:
     result = figures(suite, args.policy, rounds, args.weights, command)
     if served:
         count = args.rounds if args.probes is None else args.probes
-        result["affordance"] = _probe(
-            suite, count, config, args.workers, args.candidates
-        )
+        result["affordance"] = _probe(suite, count, config, args)
     if args.json:
         write_report(args.json, result)
     print({k: v for k, v in result.items() if k not in ("rounds", "attempt_list")})
@@ -104,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _probe(
-    suite: Any, count: int, config: Any, workers: int, n_candidates: int
+    suite: Any, count: int, config: Any, args: argparse.Namespace
 ) -> dict[str, Any]:
     """Ask scenes about each class; return the figures."""
     import numpy as np
@@ -116,7 +121,11 @@ def _probe(
     classes = GraspPlanner(config).affordances
     probes = []
     for probe in run_probes(
-        suite, range(count), partial(_setup, "scored", config), workers, n_candidates
+        suite,
+        range(count),
+        partial(_setup, "scored", config),
+        args.workers,
+        n_candidates=args.candidates,
     ):
         probes.append(probe)
         print(f"probe {len(probes)}/{count}: {probe.n_tried} grasps tried", flush=True)

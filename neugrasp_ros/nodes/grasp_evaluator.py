@@ -21,6 +21,7 @@ from neugrasp_ros.nodes.conversions import (
     from_tsdf,
     to_grasp_array,
 )
+from neugrasp_ros.nodes.courtesy import Courtesy
 from neugrasp_ros.nodes.grasp_list import joined
 from neugrasp_ros.nodes.params import declare_config
 from neugrasp_ros.nodes.planner_stages import EvaluatorStage
@@ -34,7 +35,6 @@ from neugrasp_ros.nodes.selection import (
     with_query,
 )
 from neugrasp_ros.nodes.settings import EvaluatorConfig
-from neugrasp_ros.nodes.shared_planner import PATIENCE
 from neugrasp_ros.nodes.work import LatestWorker, answer, shielded, to_timings
 
 NAME = "grasp_evaluator"
@@ -53,6 +53,7 @@ class GraspEvaluatorNode(Node):
         self._config = declare_config(self, EvaluatorConfig)
         planner_config = declare_config(self, PlannerConfig, read_only=True).current
         self.stage = EvaluatorStage(make_planner(planner_config), self._config)
+        self._courtesy = Courtesy(self.stage.let_requests_go_first)
         self._worker = LatestWorker(self, self._stream)
         self._scored = self.create_publisher(GraspArray, "grasps/scored", newest())
         self._vocabulary = self.create_publisher(String, "affordances", latched())
@@ -91,21 +92,25 @@ class GraspEvaluatorNode(Node):
     def _stream(self, candidates: GraspArray) -> None:
         """Publish the distinct candidates that are good enough, best first.
 
-        If requests came first, and a newer scene with them, these are left.
+        If requests came first, and newer candidates with them, these are left. Where
+        only a newer scene has come, its candidates are waited for.
         """
         config, grasps = self._config.current, from_grasp_array(candidates)
         view = self.stage.view_of(grasps, time.monotonic() + VOLUME_WAIT)
-        patient_until, parts = time.monotonic() + PATIENCE, []
+        parts = []
+
+        def is_replaced(end: float) -> bool:
+            return self._worker.has_next(end if self.stage.knows_newer(view) else 0.0)
+
         for start in range(0, max(len(grasps), 1), STREAM_BATCH):
             rows = np.arange(start, min(start + STREAM_BATCH, len(grasps)))
-            waited = self.stage.let_requests_go_first(patient_until)
-            if waited and self.stage.knows_newer(view):
-                return
+            self._courtesy.make_way(is_replaced)
             parts.append(self.stage.evaluate(grasps.take(rows), view).grasps)
         scored = joined(parts)
         good = scored.take(scored.grasps.quality >= config.min_quality)
         best = ranked(good, config)
         self._scored.publish(to_grasp_array(best))
+        self._courtesy.published()
 
     def _on_evaluate(
         self, request: EvaluateGrasps.Request, response: EvaluateGrasps.Response

@@ -250,9 +250,9 @@ class EvaluatorStage:
             self._arrived.notify_all()
 
     def knows_newer(self, view: SceneView) -> bool:
-        """Tell whether a volume has come after this one."""
+        """Tell whether a volume of a later revision has come."""
         with self._arrived:
-            return bool(self._views) and next(reversed(self._views)) != view.revision
+            return max(self._views, default=0) > view.revision
 
     def view_of(self, grasps: GraspList, deadline: float) -> SceneView:
         """Return the volume that grasps were made for; revision 0 = the newest.
@@ -268,7 +268,7 @@ class EvaluatorStage:
         with self._arrived:
             while True:
                 if self._views and not wanted:
-                    return next(reversed(self._views.values()))
+                    return self._views[max(self._views)]
                 if wanted in self._views:
                     return self._views[wanted]
                 left = deadline - time.monotonic()

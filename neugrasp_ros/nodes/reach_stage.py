@@ -255,7 +255,7 @@ class ReachStage:
         grasps: GraspList,
         arms: tuple[str, ...],
         start: Mapping[str, float] | None = None,
-        before_batch: Callable[[], object] | None = None,
+        before_batch: Callable[[], bool] | None = None,
     ) -> GraspList:
         """Return the grasps, in their order, with what the robot makes of each.
 
@@ -263,8 +263,9 @@ class ReachStage:
             grasps: Grasps in any frame.
             arms: Planning groups to try; empty = the configured ones.
             start: Joint values by name; empty = the newest that came.
-            before_batch: Called before each ``BATCH`` of grasps, for who can wait; all
-                are checked in the same world. None = all are one batch.
+            before_batch: Called before each ``BATCH`` of grasps, for who can wait;
+                returns whether it did: what is left is then checked in the world as it
+                is by that time. None = all are one batch.
 
         Raises:
             ConfigError: If an arm is unknown.
@@ -274,19 +275,21 @@ class ReachStage:
         info = grasps.info
         if not len(grasps):
             return replace(grasps, info=replace(info, stage=STAGE_REACHABLE))
-        T = self._transforms(self._checker.base_frame, info.frame_id, info.stamp)
         poses = grasps.grasps.poses
-        world = (
-            arms or self._config.current.arms,
-            start or self._joints(),
-            self._obstacles(),
-            self.boxes,
-        )
         size = BATCH if before_batch else len(poses)
-        parts = []
+        parts: list[Checked] = []
         for first in range(0, len(poses), size):
-            if before_batch:
-                before_batch()
+            waited = bool(before_batch and before_batch())
+            if waited or not parts:
+                T = self._transforms(
+                    self._checker.base_frame, info.frame_id, info.stamp
+                )
+                world = (
+                    arms or self._config.current.arms,
+                    start or self._joints(),
+                    self._obstacles(),
+                    self.boxes,
+                )
             parts.append(self._checker.check(T @ poses[first : first + size], *world))
         reach = Reach.joined([part.reach for part in parts])
         flipped = np.concatenate([part.flipped for part in parts])

@@ -6,7 +6,7 @@ about, ``~/suggest_base`` with at most one "grasp", whose pose is where the base
 have to stand, in the base frame.
 """
 
-import time
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -30,6 +30,7 @@ from neugrasp_ros.nodes.conversions import (
     to_pose,
     to_pose_array,
 )
+from neugrasp_ros.nodes.courtesy import Courtesy, Wait
 from neugrasp_ros.nodes.grasp_list import GraspList
 from neugrasp_ros.nodes.markers import to_markers
 from neugrasp_ros.nodes.params import declare_config
@@ -37,7 +38,6 @@ from neugrasp_ros.nodes.qos import latched, newest, overrides, sensor_input
 from neugrasp_ros.nodes.reach_stage import MakeChecker, ReachStage, load_checker
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.settings import ReachConfig
-from neugrasp_ros.nodes.shared_planner import PATIENCE
 from neugrasp_ros.nodes.solid_boxes import TOPIC, from_box_markers
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.work import LatestWorker, answer, shielded
@@ -52,7 +52,7 @@ class ReachabilityFilterNode(Node):
         self,
         make_checker: MakeChecker = load_checker,
         transforms: Transforms | None = None,
-        let_requests_go_first: Callable[[float], object] = lambda _: None,
+        let_requests_go_first: Wait = lambda _: False,
         **node_options: Any,
     ) -> None:
         """Load the robot, then wire topics and services.
@@ -60,13 +60,14 @@ class ReachabilityFilterNode(Node):
         Args:
             make_checker: Loads the robot.
             transforms: Looks up transforms; default a listener of its own.
-            let_requests_go_first: Returns when no request is running, or at a time of
-                ``time.monotonic()``; the stream of grasps calls it between batches.
-                By default there is nothing to wait for.
+            let_requests_go_first: The stream of grasps calls it between batches. By
+                default there is nothing to wait for.
             node_options: Of the ROS node.
         """
         super().__init__(NAME, **node_options)
-        self._let_requests_go_first = let_requests_go_first
+        self._courtesy = Courtesy(let_requests_go_first)
+        self._answer: GraspArray | None = None  # the last one
+        self._publishing = threading.Lock()
         self._config = declare_config(self, ReachConfig, read_only=True)
         config = self._config.current
         self._gripper = load_gripper(config.gripper)
@@ -84,7 +85,7 @@ class ReachabilityFilterNode(Node):
         inputs = MutuallyExclusiveCallbackGroup()
         for kind, topic, callback, qos in (
             (GraspArray, "grasps/scored", self._on_scored, newest()),
-            (GraspArray, "grasps/answered", self.publish, newest()),
+            (GraspArray, "grasps/answered", self._on_answered, newest()),
             (JointState, "joint_states", self._on_joints, sensor_input(1)),
             (TsdfVolume, "tsdf", self._on_tsdf, latched()),
             (MarkerArray, TOPIC, self._on_boxes, latched()),
@@ -135,19 +136,40 @@ class ReachabilityFilterNode(Node):
             self._worker.put(message)
 
     def _stream(self, message: GraspArray) -> None:
+        """Publish what can be reached, unless a request was answered meanwhile."""
         config, grasps = self._config.current, from_grasp_array(message)
         grasps = grasps.take(np.arange(min(len(grasps), config.max_grasps)))
-        patient_until = time.monotonic() + PATIENCE
-        checked = self.stage.check(
-            grasps, (), None, lambda: self._let_requests_go_first(patient_until)
-        )
+        before = self._answer
+
+        def is_answered() -> bool:
+            last = self._answer
+            return (
+                last is not None
+                and last is not before
+                and last.scene_revision >= message.scene_revision
+            )
+
+        def make_way() -> bool:
+            return self._courtesy.make_way(
+                lambda _: self._worker.has_next() or is_answered()
+            )
+
+        checked = self.stage.check(grasps, (), None, make_way)
         reached = checked.take(self.stage.reached(checked))
         if config.keep_unreachable:
             order = np.argsort(~self.stage.reached(checked), kind="stable")
             reached = checked.take(order)
-        self.publish(to_grasp_array(reached))
+        with self._publishing:
+            if not is_answered():
+                self._publish(to_grasp_array(reached))
+        self._courtesy.published()
 
-    def publish(self, message: GraspArray) -> None:
+    def _on_answered(self, message: GraspArray) -> None:
+        with self._publishing:
+            self._answer = message
+            self._publish(message)
+
+    def _publish(self, message: GraspArray) -> None:
         """Publish final grasps on all four topics."""
         grasps: GraspList = from_grasp_array(message)
         self._grasps.publish(message)

@@ -2,7 +2,6 @@
 """Node ``scene_renderer``: a TSDF into a completed surface and grasp candidates."""
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +20,7 @@ from neugrasp_ros.nodes.conversions import (
     to_grasp_array,
     to_stamp,
 )
+from neugrasp_ros.nodes.courtesy import Courtesy
 from neugrasp_ros.nodes.outcomes import Code, DetectionError
 from neugrasp_ros.nodes.params import declare_config
 from neugrasp_ros.nodes.planner_stages import RendererStage, Staged
@@ -30,7 +30,6 @@ from neugrasp_ros.nodes.requests import read_roi
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import RendererConfig
-from neugrasp_ros.nodes.shared_planner import PATIENCE
 from neugrasp_ros.nodes.work import LatestWorker, answer, shielded, to_timings
 
 NAME = "scene_renderer"
@@ -48,6 +47,7 @@ class SceneRendererNode(Node):
         self._config = declare_config(self, RendererConfig)
         self._planner = declare_config(self, PlannerConfig, read_only=True).current
         self.stage = RendererStage(make_planner(self._planner), self._config)
+        self._courtesy = Courtesy(self.stage.let_requests_go_first)
         self._view: SceneView | None = None
         self._arrived = threading.Condition()
         self._worker = LatestWorker(
@@ -88,27 +88,24 @@ class SceneRendererNode(Node):
         newer scene with it, that one's turn has come: this one is left.
         """
         config = self._config.current
-        patient_until = time.monotonic() + PATIENCE
 
-        def is_late() -> bool:
-            waited = self.stage.let_requests_go_first(patient_until)
-            return waited and self._view is not view
+        def make_way() -> None:
+            self._courtesy.make_way(lambda _: self._worker.has_next())
 
-        if is_late():
-            return
+        make_way()
         try:
             self.stage.prepare(view)
-            if is_late():
-                return
+            make_way()
             staged = self.stage.sample(
                 view, None, self._planner.max_candidates, config.seed
             )
             self._candidates.publish(_message(staged))
         except (DetectionError, EmptySceneError):
             self._candidates.publish(_message(self.stage.nothing(view)))
+            self._courtesy.published()
             return
-        if is_late():
-            return
+        self._courtesy.published()
+        make_way()
         self._surface.publish(
             write_cloud(self.stage.surface(view), view.frame_id, to_stamp(view.stamp))
         )

@@ -16,7 +16,6 @@ from neugrasp_ros.nodes.scene_view import SceneView
 
 FloatArray = NDArray[np.float64]
 
-PATIENCE = 5.0  # [s] that a stream lets requests go first
 LINGER = 0.3  # [s] after a request's stage by which the next one has come
 
 
@@ -149,7 +148,9 @@ class SharedPlanner:
         """
         with self.timed():
             begin = time.perf_counter()
-            self.planner.prepare(self.encode(view))
-            if self._pass[0] == view.revision:
-                begin = self._pass[1]
+            revision, pass_begin, pass_end = self._pass
+            if revision == view.revision and pass_end > self._asked:
+                begin = pass_begin  # and nobody has been told of that pass
+            scene = self.planner.encode(view.volume, view.revision)
+            self.planner.prepare(scene)
             self._pass = view.revision, begin, time.perf_counter()

@@ -26,6 +26,7 @@ from neugrasp_ros.geometry.transform import apply
 from neugrasp_ros.nodes.compat.clouds import write_cloud
 from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener, from_transform
 from neugrasp_ros.nodes.conversions import from_stamp, to_stamp, to_tsdf
+from neugrasp_ros.nodes.courtesy import PATIENCE
 from neugrasp_ros.nodes.depth_fusion import DepthFusion
 from neugrasp_ros.nodes.diagnostics import OK, WARN, Diagnostics, Status
 from neugrasp_ros.nodes.markers import workspace_marker
@@ -36,7 +37,6 @@ from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.scene_file import read_scene, write_scene
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import FusionConfig
-from neugrasp_ros.nodes.shared_planner import PATIENCE
 from neugrasp_ros.nodes.work import answer, shielded, to_timings
 
 NAME = "tsdf_fusion"

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 from rclpy.node import Node
 
 from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.nodes.courtesy import Left
 from neugrasp_ros.nodes.outcomes import Code, to_message
 
 Item = TypeVar("Item")
@@ -92,7 +93,7 @@ class LatestWorker(Generic[Item]):
 
     Args:
         node: For the log.
-        work: Called with each item that is taken.
+        work: Called with each item that is taken; may raise ``Left``.
         min_period: Returns the least time between two items in [s].
     """
 
@@ -119,6 +120,19 @@ class LatestWorker(Generic[Item]):
             self._item = item
             self._ready.notify()
 
+    def has_next(self, end: float = 0.0) -> bool:
+        """Tell, while one item is worked on, whether another waits.
+
+        Args:
+            end: Of ``time.monotonic()``; until then it may still come.
+        """
+        with self._ready:
+            self._ready.wait_for(
+                lambda: self._item is not None or self._closed,
+                timeout=max(end - time.monotonic(), 0.0),
+            )
+            return self._item is not None or self._closed
+
     def close(self) -> None:
         """End the thread after its present item."""
         with self._ready:
@@ -144,6 +158,8 @@ class LatestWorker(Generic[Item]):
     def _do(self, item: Item) -> None:
         try:
             self._work(item)
+        except Left:
+            return
         except NeuGraspError as error:
             self._node.get_logger().warning(str(error), throttle_duration_sec=5.0)
         except Exception:  # noqa: BLE001 (a bug must not end the node)

@@ -100,7 +100,14 @@ def draw_answers(
 
 
 def _around(surface: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return lower corner and edges of a box that holds a surface and hands above."""
+    """Return a box that holds a surface and hands above, in the surface's frame.
+
+    Args:
+        surface: Shape (N, 3) in [m].
+
+    Returns:
+        Lower corner and edges in [m], shape (3,) each.
+    """
     if not len(surface):
         return np.zeros(3), np.full(3, LEAST_EDGE)
     lower, upper = surface.min(axis=0), surface.max(axis=0)
@@ -111,7 +118,7 @@ def _around(surface: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _brightness(surface: FloatArray) -> FloatArray:
-    """Return a grey for each point (N,), the lighter the higher."""
+    """Return a grey for each point (N, 3): 0 (black) to ``LIGHTEST``, by height."""
     heights = surface[:, 2]
     if not len(heights):
         return heights

@@ -84,9 +84,17 @@ def frame_cube(axes: Any, lower: FloatArray, edge: float, title: str) -> None:
 
 
 def frame_box(
-    axes: Any, lower: FloatArray, edges: FloatArray, title: str, zoom: float
+    axes: Any, lower: FloatArray, edges: FloatArray, title: str, *, zoom: float
 ) -> None:
-    """Do so for a box; its corner and edges (3,) in [m]."""
+    """Fit axes to a box, hide their decoration, and look down from the side.
+
+    Args:
+        axes: Matplotlib axes with a 3d projection.
+        lower: Lower corner in the frame of the axes in [m], shape (3,).
+        edges: In [m], shape (3,).
+        title: Above the box.
+        zoom: Of the picture within the axes.
+    """
     for axis, low, edge in zip("xyz", lower, edges, strict=True):
         getattr(axes, f"set_{axis}lim")(low, low + edge)
     axes.set_box_aspect(tuple(edges / edges.max()), zoom=zoom)

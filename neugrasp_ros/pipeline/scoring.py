@@ -131,12 +131,16 @@ class Scorer:
     def _context_at(
         self, scene: EncodedScene, points: Float32Array, cubes: NDArray[np.int64]
     ) -> Tensor:
-        """Return what the context says of points (N, 3), (N, K)."""
+        """Return what the context says of points (N, 3) in the task frame in [m].
+
+        Returns:
+            Shape (N, K).
+        """
         context, grids = self._context, self._context_grids(scene)
 
         def read(cube: int, x: Tensor) -> Tensor:
             if x.device.type == "cpu":
-                table = grids[cube][0].permute(1, 2, 3, 0).numpy()
+                table = grids[cube][0].permute(1, 2, 3, 0).numpy()  # contiguous
                 rows = read_trilinear(table, context.on_grid(x[0]).numpy())
                 features = torch.from_numpy(rows)[None].relu_()
             else:
@@ -147,7 +151,11 @@ class Scorer:
         return _read_by_cube(scene, points, cubes, read)
 
     def _context_grids(self, scene: EncodedScene, threads: int = 1) -> list[Tensor]:
-        """Return each cube's feature grid of the context, (1, C, R, R, L)."""
+        """Return each cube's feature grid of the context.
+
+        Returns:
+            Shape (1, C, R, R, L) each, channels last in memory.
+        """
         if self._grids is None or self._grids[0] is not scene:
 
             def see(corner: NDArray[np.int64]) -> Tensor:

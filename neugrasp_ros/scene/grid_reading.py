@@ -17,8 +17,8 @@ def read_trilinear(table: Float32Array, points: Float32Array) -> Float32Array:
 
     Args:
         table: Features of the cells, contiguous, shape (X, Y, Z, C).
-        points: Finite, in units of the grid's edges, shape (N, 3); beyond the grid its
-            border is read.
+        points: In units of the grid's edges, shape (N, 3); beyond the grid its border
+            is read, and where they are not finite anything at all.
 
     Returns:
         Shape (N, C), as ``torch.nn.functional.grid_sample`` without aligned corners.
@@ -38,7 +38,7 @@ def _read_trilinear(table, points, out):  # pragma: no cover - compiled
             size = table.shape[axis]
             at = points[n, axis] * size - np.float32(0.5)
             at = min(max(at, np.float32(0.0)), np.float32(size - 1))
-            below = int(at)
+            below = min(max(int(at), 0), size - 1)  # whatever int() makes of a NaN
             cell[axis, 0], cell[axis, 1] = below, min(below + 1, size - 1)
             share[axis, 1] = np.float32(at - below)
             share[axis, 0] = np.float32(1.0) - share[axis, 1]

@@ -57,8 +57,8 @@ def stretched_points(
 def stretched_volume(volume: Voxels, stretch: Stretch) -> Voxels:
     """Map a quantised volume (D, D, D); what comes in was never observed.
 
-    Voxels take the nearest value: distances are off by as much as the stretch, far less
-    than what noise does to them.
+    Voxels take the nearest value, and distances stay as they are: they are truncated
+    after a few voxels, of which a stretch changes a quarter at most.
     """
     size = len(volume)
     table = TABLE_TOP / EDGE

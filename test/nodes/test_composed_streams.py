@@ -104,6 +104,22 @@ def test_grasps_that_nobody_asked_for_wait_for_a_running_request(bench, wait_unt
     wait_until(lambda: len(heard) > before)
 
 
+def test_an_answer_stays_when_older_grasps_come_after_it(bench, wait_until):
+    found = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).grasps
+    scored = bench.user.create_publisher(GraspArray, "grasps/scored", 1)
+    wait_until(scored.get_subscription_count)
+    bench.camera.sends = {"info"}
+    heard = bench.user.heard["grasps"]
+    settled(lambda: len(heard))
+    with bench.suite.stages.request():
+        scored.publish(found)
+        time.sleep(0.5)
+        ask(bench, max_grasps=1)
+        wait_until(lambda: len(heard[-1].grasps) == 1)
+    settled(lambda: len(heard))
+    assert len(heard[-1].grasps) == 1 < len(found.grasps)
+
+
 def test_a_scene_that_a_request_held_back_and_another_replaced_is_left(bench):
     planner = bench.suite._make_planner._made[1].planner
     settled(lambda: planner.encoder_passes)

@@ -1,4 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +11,8 @@ from nodes.fusion_rig import calibrated_rig  # noqa: E402
 from nodes.standin import SurfacePlanner  # noqa: E402
 
 from neugrasp_ros.fusion.tsdf import empty_volume  # noqa: E402
+from neugrasp_ros.grasp.types import GraspSet  # noqa: E402
+from neugrasp_ros.nodes.grasp_list import GraspInfo, GraspList  # noqa: E402
 from neugrasp_ros.nodes.outcomes import Code, DetectionError  # noqa: E402
 from neugrasp_ros.nodes.params import LiveConfig  # noqa: E402
 from neugrasp_ros.nodes.planner_stages import (  # noqa: E402
@@ -52,6 +57,19 @@ def test_a_scene_that_is_prepared_is_not_encoded_when_it_is_asked_about(shared, 
     assert shared.planner.prepared == [view.revision]
     assert "quality" in evaluator.evaluate(staged.grasps, view).seconds
     assert shared.planner.encoder_passes == 1
+
+
+def test_the_newest_scene_is_that_of_the_latest_revision(shared):
+    stage = EvaluatorStage(shared, LiveConfig(EvaluatorConfig()))
+    older, newer = NOWHERE, replace(NOWHERE, revision=2)
+    assert not stage.knows_newer(older)
+    stage.remember(newer)
+    stage.remember(older)  # again, by a request about it
+    assert stage.knows_newer(older) and not stage.knows_newer(newer)
+    unnamed = GraspList(
+        GraspInfo(frame_id="base"), GraspSet(np.eye(4)[None], np.ones(1))
+    )
+    assert stage.view_of(unnamed, time.monotonic()) is newer
 
 
 def test_a_scene_without_a_measurement_is_not_encoded(shared):

@@ -62,13 +62,27 @@ def test_batches_are_told_what_one_list_is(grasps):
     many = GraspList(grasps.info, GraspSet(poses, np.ones(len(poses))))
     pauses = []
     whole = stage.check(many, ARMS[1:])
-    parts = stage.check(many, ARMS[1:], None, lambda: pauses.append(1))
+    parts = stage.check(many, ARMS[1:], None, lambda: bool(pauses.append(1)))
     assert len(pauses) == 2
     assert parts.info.tcp_frame == whole.info.tcp_frame == "gripper_right_tcp"
     assert stage.reached(parts).tolist() == (sides < 0).tolist()
     np.testing.assert_array_equal(parts.reach.codes, whole.reach.codes)
     assert parts.reach.arms == whole.reach.arms
-    assert stage.check(many.take(np.arange(0)), (), None, lambda: None).reach is None
+    assert stage.check(many.take(np.arange(0)), (), None, lambda: False).reach is None
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_the_world_is_seen_after_waiting(grasps, waits):
+    happened = []
+    stage = ReachStage(
+        SideChecker(),
+        LiveConfig(ReachConfig()),
+        lambda *_: np.eye(4),
+        lambda: happened.append("look") or {},
+    )
+    many = grasps.take(np.zeros(2 * BATCH, dtype=np.int64))
+    stage.check(many, (), None, lambda: happened.append("wait") or waits)
+    assert happened == ["wait", "look", "wait"] + waits * ["look"]
 
 
 @pytest.fixture(scope="module")

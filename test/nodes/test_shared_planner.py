@@ -97,6 +97,36 @@ def test_getting_ready_counts_as_far_as_it_was_waited_for(shared):
     assert "encoding" not in encoded(shared, 1)
 
 
+def told_who_asked(shared: SharedPlanner, asked: float) -> float:
+    """Return what somebody is told who has waited since a time."""
+    with shared.timed() as seconds:
+        shared._asked = asked
+        shared.encode(view(1))
+    return seconds["encoding"]
+
+
+def test_getting_ready_does_not_count_what_others_did_since_the_pass(shared):
+    encoded(shared, 1)
+    asked = time.perf_counter()
+    with shared.timed():  # scoring, say
+        time.sleep(PASS)
+    begin = time.perf_counter()
+    shared.prepare(view(1))
+    most = time.perf_counter() - begin
+    assert PASS <= told_who_asked(shared, asked) <= most
+
+
+def test_getting_ready_counts_beside_a_pass_that_it_waited_for_itself(shared):
+    maker = threading.Thread(target=encoded, args=(shared, 1))
+    maker.start()
+    assert shared.planner.begun.wait(5.0)
+    asked = time.perf_counter()
+    shared.prepare(view(1))
+    most = time.perf_counter() - asked
+    maker.join()
+    assert 1.3 * PASS < told_who_asked(shared, asked) <= most
+
+
 def test_of_several_who_wait_one_is_told(shared):
     told: list[dict[str, float]] = []
     threads = [threading.Thread(target=shared.prepare, args=(view(1),))]

@@ -1,16 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
+import threading
+import time
+
 import pytest
 
 pytest.importorskip("neugrasp_msgs")
 
+from neugrasp_msgs.msg import TsdfVolume  # noqa: E402
 from neugrasp_msgs.srv import GetTsdf  # noqa: E402
 from nodes.camera_node import CameraNode, ClientNode  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
+from sensor_msgs.msg import PointCloud2  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from neugrasp_ros.fusion.tsdf import seen_surface  # noqa: E402
 from neugrasp_ros.nodes.conversions import from_tsdf  # noqa: E402
-from neugrasp_ros.nodes.tsdf_fusion import TsdfFusionNode  # noqa: E402
+from neugrasp_ros.nodes.qos import latched  # noqa: E402
+from neugrasp_ros.nodes.tsdf_fusion import (  # noqa: E402
+    SHOW_DELAY,
+    TsdfFusionNode,
+)
 
 pytestmark = pytest.mark.ros
 
@@ -18,11 +27,11 @@ BOX = (0.15, 0.15, 0.07)
 
 
 class Rig:
-    def __init__(self, spinner, **parameters) -> None:
+    def __init__(self, spinner, serves=lambda: False, **parameters) -> None:
         patient = {"max_depth_age": 30.0}  # [s]; on a busy machine images come late
         given = patient | parameters
         overrides = [Parameter(name, value=v) for name, v in given.items()]
-        self.fusion = spinner.add(TsdfFusionNode(parameter_overrides=overrides))
+        self.fusion = spinner.add(TsdfFusionNode(serves, parameter_overrides=overrides))
         self.camera = spinner.add(CameraNode())
         self.user = spinner.add(ClientNode())
         self.camera.send_tf()
@@ -54,6 +63,20 @@ def test_a_scene_is_saved_and_shown_again(spinner, wait_until, tmp_path):
     assert not rig.fusion.get_parameter("integrating").value
     assert rig.call(SetBool, "set_integrating", data=True).success
     wait_until(lambda: not rig.shows_box(), seconds=30.0)
+
+
+def test_what_only_people_look_at_waits_for_requests_that_run(spinner, wait_until):
+    running = threading.Event()
+    running.set()
+    rig = Rig(spinner, running.is_set)
+    heard = {"tsdf": [], "scene_cloud": []}
+    for kind, topic in ((TsdfVolume, "tsdf"), (PointCloud2, "scene_cloud")):
+        rig.user.create_subscription(kind, topic, heard[topic].append, latched())
+    wait_until(lambda: heard["tsdf"], seconds=30.0)
+    time.sleep(4 * SHOW_DELAY)
+    assert not heard["scene_cloud"]
+    running.clear()
+    wait_until(lambda: heard["scene_cloud"])
 
 
 def test_a_file_that_is_no_scene_leaves_everything_as_it_is(

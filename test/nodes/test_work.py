@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from neugrasp_ros.errors import EmptySceneError  # noqa: E402
+from neugrasp_ros.nodes.courtesy import Left  # noqa: E402
 from neugrasp_ros.nodes.work import (  # noqa: E402
     LatestWorker,
     answer,
@@ -101,6 +102,28 @@ def test_the_worker_skips_to_the_newest_item():
         time.sleep(0.005)
     worker.close()
     assert done == [1, 4]
+
+
+def test_what_waits_is_known_while_another_is_worked_on_and_that_can_be_left():
+    log, waiting, done = Log(), [], []
+    worker = LatestWorker(log, lambda item: work(item))
+
+    def work(item):
+        if item == "old":
+            waiting.append(worker.has_next())
+            threading.Timer(0.1, worker.put, ["new"]).start()
+            waiting.append(worker.has_next(time.monotonic() + 5.0))
+            raise Left
+        waiting.append(worker.has_next(time.monotonic() + 0.05))
+        done.append(item)
+
+    worker.put("old")
+    deadline = time.monotonic() + 5
+    while not done and time.monotonic() < deadline:
+        time.sleep(0.005)
+    worker.close()
+    assert waiting == [False, True, False]
+    assert done == ["new"] and not log.lines
 
 
 def test_the_worker_outlives_errors_and_keeps_its_period():

@@ -22,6 +22,14 @@ def test_points_read_what_torch_reads_even_beyond_the_border():
     )
 
 
+def test_a_point_that_is_nowhere_reads_nothing_else():
+    table = np.ones((4, 4, 4, 2), dtype=np.float32)
+    points = np.array([[np.nan] * 3, [np.inf] * 3, [0.5] * 3], dtype=np.float32)
+    read = read_trilinear(table, points)
+    assert read.shape == (3, 2)
+    np.testing.assert_array_equal(read[2], 1.0)
+
+
 def test_no_points_read_nothing():
     table = np.zeros((2, 2, 2, 3), dtype=np.float32)
     assert read_trilinear(table, np.zeros((0, 3), dtype=np.float32)).shape == (0, 3)
