@@ -239,6 +239,21 @@ def test_weights_without_context_begin_one_with_it_as_they_were(network, weights
         torch.testing.assert_close(now, old)
 
 
+def test_the_context_is_stored_in_half_precision_and_all_else_as_it_is(tmp_path):
+    network = GraspNetwork(replace(SMALL, context=4))
+    path = tmp_path / "context.safetensors"
+    save_network(network, path)
+    with safe_open(path, framework="pt") as file:
+        keys = list(file.keys())
+        halves = {k for k in keys if file.get_tensor(k).dtype == torch.half}
+    assert halves and all(key.startswith("context.") for key in halves)
+    again = load_network(path)[0].state_dict()
+    for key, tensor in network.state_dict().items():
+        assert again[key].dtype == tensor.dtype
+        tolerance = 1e-3 if key in halves else 0.0
+        torch.testing.assert_close(again[key], tensor, rtol=tolerance, atol=1e-6)
+
+
 def test_weights_with_context_begin_one_without_it(network, weights, tmp_path):
     wide = GraspNetwork(replace(SMALL, context=4)).eval()
     warm_start(wide, weights)
