@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.benchmark.protocol import Plan, Policy, Round, Suite
-from neugrasp_ros.errors import EmptySceneError
+from neugrasp_ros.errors import ConfigError, EmptySceneError
 from neugrasp_ros.grasp.queries import KNOWN_FROM, expected_gain
 from neugrasp_ros.grasp.types import GraspSet
 from sim_bridge.gripper import SimGripper
@@ -76,6 +76,23 @@ class ProbeRecord:
     def as_record(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return asdict(self)
+
+
+def probe_from_record(record: Mapping[str, Any]) -> ProbeRecord:
+    """Read a probe from the values that ``ProbeRecord.as_record`` wrote.
+
+    Raises:
+        ConfigError: If values are missing or unknown.
+    """
+    try:
+        rows = {
+            name: tuple(tuple(row) for row in record[name])
+            for name in ("predicted", "afforded")
+        }
+        answers = tuple(Answer(**answer) for answer in record["answers"])
+        return ProbeRecord(**{**record, **rows, "answers": answers})
+    except (KeyError, TypeError) as error:
+        raise ConfigError(f"not a probe record: {error}") from error
 
 
 class Truth(NamedTuple):

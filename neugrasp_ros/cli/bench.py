@@ -9,12 +9,20 @@ from typing import Any
 
 from neugrasp_ros.cli.counts import require_positive
 
+NOTED = ("rounds", "probes")
+
 
 def add_parser(
     subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
 ) -> None:
     """Add the command and its options."""
-    parser = subparsers.add_parser("bench", help="clutter-removal rounds in physics")
+    parser = subparsers.add_parser(
+        "bench",
+        help="clutter-removal rounds in physics",
+        description="Records are written down beside --json as they come: a run that "
+        "was stopped goes on there with the same code, weights and settings, also if "
+        "it is to have more or fewer rounds.",
+    )
     add = parser.add_argument
     add(
         "--scene", default="pile", choices=("pile", "packed", "egad", "affordance"),
@@ -66,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the rounds, say how it goes, write the figures."""
     from neugrasp_ros.benchmark.probes import N_CANDIDATES
     from neugrasp_ros.benchmark.protocol import Suite
+    from neugrasp_ros.benchmark.records import round_from_record
     from neugrasp_ros.benchmark.report import figures, say, write_report
     from neugrasp_ros.benchmark.runner import run_suite
     from neugrasp_ros.benchmark.table import load_results, markdown_table
@@ -93,8 +102,10 @@ def run(args: argparse.Namespace) -> int:
     )
     config = PlannerConfig(weights=args.weights, gripper=args.gripper, threads=1)
     setup = partial(_setup, args.policy, config, args.album)
-    rounds = []
-    for record in run_suite(suite, range(args.rounds), setup, args.workers):
+    notes = _notes(args, "rounds", suite, args.policy)
+    rounds = [round_from_record(kept) for kept in _kept(notes, args.rounds)]
+    for record in run_suite(suite, _missing(notes, args.rounds), setup, args.workers):
+        notes.keep(record.index, record.as_record())
         rounds.append(record)
         print(say(rounds, args.rounds), flush=True)
     command = "neugrasp " + " ".join(sys.argv[1:])
@@ -104,8 +115,41 @@ def run(args: argparse.Namespace) -> int:
         result["affordance"] = _probe(suite, count, config, args)
     if args.json:
         write_report(args.json, result)
+        for what in NOTED:
+            _notes_path(args.json, what).unlink(missing_ok=True)
     print({k: v for k, v in result.items() if k not in ("rounds", "attempt_list")})
     return 0
+
+
+def _notes_path(report: Path, what: str) -> Path:
+    return report.with_suffix(f".{what}.jsonl")
+
+
+def _notes(args: argparse.Namespace, what: str, *about: Any) -> Any:
+    """Return where records are written down on the way to ``--json``.
+
+    Args:
+        args: Of the command.
+        what: One of ``NOTED``.
+        about: What the records depend on, besides the weights and the code.
+    """
+    from neugrasp_ros.benchmark.report import source_commit
+    from neugrasp_ros.benchmark.scene_notes import SceneNotes
+    from neugrasp_ros.model import default_weights, file_sha256
+
+    weights = file_sha256(Path(args.weights) if args.weights else default_weights())
+    settings = {"about": repr(about), "weights": weights, "commit": source_commit()}
+    return SceneNotes(_notes_path(args.json, what) if args.json else None, settings)
+
+
+def _kept(notes: Any, count: int) -> list[Any]:
+    """Return the noted records of the first scenes, in order."""
+    return [notes.known[number] for number in range(count) if number in notes.known]
+
+
+def _missing(notes: Any, count: int) -> list[int]:
+    """Return which of the first scenes have no record yet."""
+    return [number for number in range(count) if number not in notes.known]
 
 
 def _probe(
@@ -115,18 +159,21 @@ def _probe(
     import numpy as np
 
     from neugrasp_ros.benchmark.probe_figures import summarize_probes
+    from neugrasp_ros.benchmark.probes import probe_from_record
     from neugrasp_ros.benchmark.runner import run_probes
     from neugrasp_ros.pipeline import GraspPlanner
 
     classes = GraspPlanner(config).affordances
-    probes = []
+    notes = _notes(args, "probes", suite, args.candidates)
+    probes = [probe_from_record(kept) for kept in _kept(notes, count)]
     for probe in run_probes(
         suite,
-        range(count),
+        _missing(notes, count),
         partial(_setup, "scored", config),
         args.workers,
         n_candidates=args.candidates,
     ):
+        notes.keep(probe.index, probe.as_record())
         probes.append(probe)
         print(f"probe {len(probes)}/{count}: {probe.n_tried} grasps tried", flush=True)
     return summarize_probes(probes, classes, np.random.default_rng(0))

@@ -11,10 +11,11 @@ from neugrasp_ros.benchmark.probes import (
     NONE,
     first_answers,
     offered_classes,
+    probe_from_record,
     probe_scene,
 )
 from neugrasp_ros.benchmark.protocol import Plan, Suite
-from neugrasp_ros.errors import UnknownAffordanceError
+from neugrasp_ros.errors import ConfigError, UnknownAffordanceError
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.grasp.types import GraspSet
 from sim_bridge.objects.affordances import AFFORDANCE_NAMES
@@ -66,7 +67,10 @@ def test_a_probe_tells_what_holds_what_it_affords_and_what_was_answered():
     assert (cut.exists, cut.success, cut.affords) == (False, True, False)
     assert (wrap.exists, wrap.answered, wrap.success) == (True, True, False)
     assert (wear.exists, wear.answered) == (False, False)
-    json.dumps(probe.as_record())
+    again = probe_from_record(json.loads(json.dumps(probe.as_record())))
+    assert replace(again, scene=probe.scene) == probe
+    with pytest.raises(ConfigError, match="not a probe record"):
+        probe_from_record({"index": 0})
 
 
 def test_whether_a_grasp_exists_is_open_where_none_was_found():
