@@ -19,7 +19,8 @@ SPACING = 0.01  # [m], one point per cell is enough for a plane
 PLANE_NOISE = 0.012  # [m], points this near belong to the plane
 LEVEL_COSINE = 0.97  # a plane more than 14 degrees off level supports nothing
 PLANES_TRIED = 4  # walls and cupboards may be larger than the table
-LEAST_POINTS = 30
+LEAST_POINTS = 30  # of a plane
+LEAST_THINGS = 10  # cells of things: the smallest that a hand can hold show as many
 ABOVE = 0.015  # [m], what reaches less far above the plane is the plane
 BELOW = 0.05  # [m], of the support plane above the workspace's floor
 MARGIN = 0.08  # [m], beside and above what stands there
@@ -61,7 +62,7 @@ def find_workspace(points: FloatArray) -> FoundWorkspace:
     beside = ((points >= low) & (points <= high))[:, :2].all(axis=1)
     height = points[:, 2] - support
     things = points[beside & (height > ABOVE) & (height < LARGEST[2])]
-    if len(things) < LEAST_POINTS:
+    if len(things) < LEAST_THINGS:
         middle = (low + high) / 2
         things = np.array([middle, middle])
         things[:, 2] = support
