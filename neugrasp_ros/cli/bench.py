@@ -84,7 +84,9 @@ def run(args: argparse.Namespace) -> int:
     if args.table:
         print(markdown_table(load_results(args.table)))
         return 0
-    require_positive(args, "rounds")
+    if args.probes is None:
+        args.probes = args.rounds
+    require_positive(args, "rounds", "probes")
     if args.candidates < N_CANDIDATES:
         raise ConfigError(
             f"--candidates must be at least {N_CANDIDATES}, which tell whether a true "
@@ -111,8 +113,7 @@ def run(args: argparse.Namespace) -> int:
     command = "neugrasp " + " ".join(sys.argv[1:])
     result = figures(suite, args.policy, rounds, args.weights, command)
     if served:
-        count = args.rounds if args.probes is None else args.probes
-        result["affordance"] = _probe(suite, count, config, args)
+        result["affordance"] = _probe(suite, config, args)
     if args.json:
         write_report(args.json, result)
         for what in NOTED:
@@ -152,9 +153,7 @@ def _missing(notes: Any, count: int) -> list[int]:
     return [number for number in range(count) if number not in notes.known]
 
 
-def _probe(
-    suite: Any, count: int, config: Any, args: argparse.Namespace
-) -> dict[str, Any]:
+def _probe(suite: Any, config: Any, args: argparse.Namespace) -> dict[str, Any]:
     """Ask scenes about each class; return the figures."""
     import numpy as np
 
@@ -163,7 +162,7 @@ def _probe(
     from neugrasp_ros.benchmark.runner import run_probes
     from neugrasp_ros.pipeline import GraspPlanner
 
-    classes = GraspPlanner(config).affordances
+    classes, count = GraspPlanner(config).affordances, args.probes
     notes = _notes(args, "probes", suite, args.candidates)
     probes = [probe_from_record(kept) for kept in _kept(notes, count)]
     for probe in run_probes(

@@ -125,6 +125,9 @@ class LatestWorker(Generic[Item]):
 
         Args:
             end: Of ``time.monotonic()``; until then it may still come.
+
+        Returns:
+            True, too, if the thread is to end.
         """
         with self._ready:
             self._ready.wait_for(

@@ -20,6 +20,7 @@ def parse(*words: str) -> argparse.Namespace:
     ("words", "sentence"),
     [
         (["--rounds", "0"], "--rounds must be positive, got 0"),
+        (["--probes", "-1"], "--probes must be positive, got -1"),
         (["--candidates", "23"], "--candidates must be at least 24, .*, got 23"),
     ],
 )

@@ -90,11 +90,17 @@ def test_the_two_nodes_share_one_encoder_pass(bench):
     assert settled(lambda: planner.encoder_passes) == passes + 1
 
 
-def test_grasps_that_nobody_asked_for_wait_for_a_running_request(bench, wait_until):
+def quiet_with_grasps(bench, wait_until):
+    """Return grasps to stream, and who streams them; the camera shows nothing new."""
     found = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).grasps
     scored = bench.user.create_publisher(GraspArray, "grasps/scored", 1)
     wait_until(scored.get_subscription_count)
     bench.camera.sends = {"info"}
+    return found, scored
+
+
+def test_grasps_that_nobody_asked_for_wait_for_a_running_request(bench, wait_until):
+    found, scored = quiet_with_grasps(bench, wait_until)
     heard = bench.user.heard["grasps"]
     before = settled(lambda: len(heard))
     with bench.suite.stages.request():
@@ -105,10 +111,7 @@ def test_grasps_that_nobody_asked_for_wait_for_a_running_request(bench, wait_unt
 
 
 def test_an_answer_stays_when_older_grasps_come_after_it(bench, wait_until):
-    found = ask(bench, scene=DetectGrasps.Request.SCENE_FRESH).grasps
-    scored = bench.user.create_publisher(GraspArray, "grasps/scored", 1)
-    wait_until(scored.get_subscription_count)
-    bench.camera.sends = {"info"}
+    found, scored = quiet_with_grasps(bench, wait_until)
     heard = bench.user.heard["grasps"]
     settled(lambda: len(heard))
     with bench.suite.stages.request():
