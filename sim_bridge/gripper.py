@@ -27,9 +27,7 @@ CARRIAGE_FORCE = 500.0  # [N], a linkage does not give way along z
 GEAR_FORCE_RATIO = 2.5  # coupling force over rated force: 50 N for the Panda hand
 GEAR_ERP = 0.1
 JAW_STEPS = 120  # half a second for closing or opening
-STILL_STEPS = 5  # between two looks whether the jaws still move
-STILL_LOOKS = 3  # without motion, after which they have come to rest
-STILL_MOTION = 2e-4  # [m] between two looks
+STEPS_PER_LOOK = 5  # between two looks whether the jaws are shut
 PARKED = translation(0.15, 0.15, 3.0)  # far above anything
 
 PAD_CONTACT = {
@@ -207,16 +205,19 @@ class SimGripper:
         *,
         force: float | None = None,
         speed: float | None = None,
-        until_still: bool = False,
+        shut_at: float = -np.inf,
     ) -> None:
         """Close the jaws for half a second.
+
+        What is held goes on moving for a while after the jaws stand still, so nothing
+        short of the whole time tells how it will be held.
 
         Args:
             force: Of each finger in [N]; default the rated one.
             speed: Limit for each finger in [m/s]; default none.
-            until_still: End as soon as the jaws have come to rest.
+            shut_at: End as soon as the jaws are less than this open, in [m].
         """
-        self._move_jaws(0.0, force, speed, until_still=until_still)
+        self._move_jaws(0.0, force, speed, shut_at=shut_at)
 
     def open(self, opening: float | None = None) -> None:
         """Open the jaws for half a second; by default as far as they go."""
@@ -230,16 +231,13 @@ class SimGripper:
         force: float | None,
         speed: float | None,
         *,
-        until_still: bool = False,
+        shut_at: float = -np.inf,
     ) -> None:
         force = self.gripper.max_force if force is None else force
         self._drive_jaws(opening, force, speed)
-        width, still = self.width(), 0
-        for _ in range(JAW_STEPS // STILL_STEPS):
-            self._step_jaws(STILL_STEPS)
-            before, width = width, self.width()
-            still = still + 1 if abs(width - before) < STILL_MOTION else 0
-            if until_still and still == STILL_LOOKS:
+        for _ in range(JAW_STEPS // STEPS_PER_LOOK):
+            self._step_jaws(STEPS_PER_LOOK)
+            if self.width() < shut_at:
                 return
 
     def _step_jaws(self, count: int) -> None:

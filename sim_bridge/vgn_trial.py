@@ -36,7 +36,7 @@ class VgnRules:
         retreat_distance: Length of the retreat in [m].
         least_opening: Share of the opening that a held object keeps open [-].
         skip_free_motion: Leave out what cannot change the outcome: motion before the
-            first contact, jaws at rest, and the retreat after closing on nothing.
+            first contact, and all that follows jaws that have closed on nothing.
         touching_iterations: Solver iterations from the moment on that an approach
             with short cuts meets something: pushing needs more of them than holding.
         shake: Shake what was lifted and tell whether it stayed.
@@ -89,7 +89,8 @@ def run_vgn_trial(
     if np.linalg.norm(T_world_start[:3, 3] - T_world_gripper[:3, 3]) > 1e-9:
         stop = gripper.follow(path, STEPS_PER_WAYPOINT, gripper.has_contact)
     stop_depth = _depth_before(T_world_gripper, gripper.commanded)
-    gripper.close(until_still=rules.skip_free_motion)
+    least = rules.least_opening * gripper.gripper.max_opening
+    gripper.close(shut_at=least if rules.skip_free_motion else -np.inf)
     return _retreat_and_judge(
         world, gripper, T_world_gripper, rules, (stop is not None, stop_depth)
     )

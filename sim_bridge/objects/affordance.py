@@ -31,6 +31,22 @@ STYLES: Mapping[str, Mapping[str, Callable[[np.random.Generator], Shape]]] = (
 )
 
 
+MIXED = "mixed"  # a style to learn from alone, of which no two objects are alike
+MIXED_SET_NAME = "affordance_mixed"
+N_MIXED = 200  # listed per category
+MIXED_MAKERS: Mapping[str, Callable[[np.random.Generator], Shape]] = MappingProxyType(
+    {
+        "knife": cutting.make_mixed_knife,
+        "scissors": cutting.make_mixed_scissors,
+        "mug": vessels.make_mixed_mug,
+        "bottle": vessels.make_mixed_bottle,
+        "bag": bags.make_mixed_bag,
+        "earphone": wearables.make_mixed_earphone,
+        "hat": wearables.make_mixed_hat,
+    }
+)
+
+
 class AffordanceName(NamedTuple):
     """The three fields of a name such as ``mug/square_handle/000123``."""
 
@@ -51,7 +67,7 @@ def parse_name(name: str) -> AffordanceName:
     """
     category, _, rest = name.partition("/")
     style, _, seed = rest.partition("/")
-    if category not in STYLES or style not in STYLES[category]:
+    if category not in STYLES or style not in (*STYLES[category], MIXED):
         known = [f"{c}/{s}/<seed>" for c in STYLES for s in STYLES[c]]
         raise UnknownNameError("affordance object", name, known)
     if not (seed.isascii() and seed.isdigit()):
@@ -79,6 +95,15 @@ def affordance_names(n_seeds: int = N_SEEDS) -> list[str]:
         for category, styles in STYLES.items()
         for style in styles
         if style != held_out_style(category)
+        for seed in range(n_seeds)
+    ]
+
+
+def mixed_names(n_seeds: int = N_MIXED) -> list[str]:
+    """Return names to train on of the style ``mixed``, which is never tested on."""
+    return [
+        str(AffordanceName(category, MIXED, seed))
+        for category in MIXED_MAKERS
         for seed in range(n_seeds)
     ]
 
@@ -113,6 +138,9 @@ def load_affordance(name: str) -> ObjectModel:
         UnknownNameError: If the name is not of that form.
     """
     parsed = parse_name(name)
-    make = STYLES[parsed.category][parsed.style]
+    if parsed.style == MIXED:
+        make = MIXED_MAKERS[parsed.category]
+    else:
+        make = STYLES[parsed.category][parsed.style]
     shape = make(seeded(str(parsed)))
     return assemble(shape, name, SET_NAME, parsed.category, parsed.style)

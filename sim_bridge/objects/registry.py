@@ -16,7 +16,11 @@ from sim_bridge.objects.model import ObjectModel
 from sim_bridge.objects.partnet_set import find_partnet, load_partnet_shape
 from sim_bridge.objects.urdf import find_urdfs, load_urdf
 
-BUILT_IN = ("procedural", "affordance", "random_urdfs")
+AFFORDANCE_LISTS = {
+    affordance.SET_NAME: affordance.affordance_names,
+    affordance.MIXED_SET_NAME: affordance.mixed_names,
+}
+BUILT_IN = ("procedural", *AFFORDANCE_LISTS, "random_urdfs")
 BROKEN_RANDOM_URDFS = ("168",)  # its vertices are not numbers, as published
 FOLDERS_VARIABLE = "NEUGRASP_OBJECTS"  # folders that hold object folders, ':' between
 N_CACHED = 2048  # models kept per set: about 0.1 MB each
@@ -61,7 +65,9 @@ def object_set(name: str) -> ObjectSet:
     """Return an object set by name or by folder.
 
     Args:
-        name: ``procedural``, ``affordance``, ``random_urdfs``; a folder of one-link
+        name: ``procedural``, ``affordance``, ``affordance_mixed`` (more of the same
+            categories, of mixed parts, called ``affordance``, too), ``random_urdfs``;
+            a folder of one-link
             URDFs, of bare OBJ/STL meshes, or of PartNet shapes; or the name of such a
             folder inside one of those that the environment variable
             ``NEUGRASP_OBJECTS`` lists. A folder's set is called like its last
@@ -87,8 +93,9 @@ def _whole_set(name: str) -> ObjectSet:
             name, procedural.procedural_names(), procedural.load_procedural
         )
     set_name, _, categories = name.partition("/")
-    if set_name == affordance.SET_NAME:
-        return _affordance_set(categories.split("+") if categories else ())
+    if set_name in AFFORDANCE_LISTS:
+        names = AFFORDANCE_LISTS[set_name]()
+        return _affordance_set(names, categories.split("+") if categories else ())
     if name == "random_urdfs":
         return _folder_set(_random_urdfs_folder())
     for folder in (Path(name), *_search_folders(name)):
@@ -142,16 +149,14 @@ def part_names(objects: ObjectSet, part: str) -> tuple[str, ...]:
     return names
 
 
-def _affordance_set(categories: Iterable[str]) -> ObjectSet:
-    """Return the affordance objects, of some categories or of all."""
+def _affordance_set(all_names: Iterable[str], categories: Iterable[str]) -> ObjectSet:
+    """Return the affordance objects of a list, of some categories or of all."""
     wanted = set(categories) or set(affordance.STYLES)
     unknown = sorted(wanted - set(affordance.STYLES))
     if unknown:
         raise UnknownNameError("category", ", ".join(unknown), affordance.STYLES)
     names = [
-        name
-        for name in affordance.affordance_names()
-        if affordance.parse_name(name).category in wanted
+        name for name in all_names if affordance.parse_name(name).category in wanted
     ]
     return ObjectSet(affordance.SET_NAME, names, affordance.load_affordance)
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sim_bridge.objects.model import Part
+from sim_bridge.objects.model import Part, part_mesh
 from sim_bridge.objects.shapes.assembly import Shape
 from sim_bridge.objects.shapes.building import (
     Section,
@@ -162,6 +162,56 @@ def make_briefcase(rng: np.random.Generator) -> Shape:
                      [span, 0, height + rise], [span, 0, height - 0.003]])  # fmt: skip
     size = (rng.uniform(0.011, 0.015), rng.uniform(0.009, 0.012))
     return Shape([body, *sweep(path, size, (0, 1, 0), HANDLE)], LEATHER)
+
+
+def _closure(rng: np.random.Generator, x: float, y: float, height: float) -> list[Part]:
+    """Return nothing, a clasp, a frill, or open walls on a top of half sizes x, y."""
+    kind = rng.choice(4, p=(0.25, 0.25, 0.1, 0.4))
+    if kind == 1:
+        size = (rng.uniform(1.2, 1.95) * x, rng.uniform(1.0, 1.9) * y, 0.014)
+        return [box(size, (0, 0, height + 0.004), OPENING)]
+    if kind == 2:
+        low, high = rng.uniform(0.5, 0.9), rng.uniform(0.9, 1.2)
+        foot = (height - 0.002, low * x, low * y)
+        edge = (height + rng.uniform(0.015, 0.035), high * x, high * y)
+        return [loft([foot, edge], OPENING, 3.0)]
+    return _open_top(x, y, height, rng.uniform(0.014, 0.04)) if kind == 3 else []
+
+
+def make_mixed_bag(rng: np.random.Generator) -> Shape:
+    """Any body and closure, with handles or a strap, or without both."""
+    x, y = rng.uniform(0.04, 0.08), rng.uniform(0.017, 0.04)
+    height = rng.uniform(0.04, 0.115)
+    top_x, top_y = x * rng.uniform(0.6, 1.05), y * rng.uniform(0.5, 1.05)
+    swell = rng.uniform(1.0, 1.08)
+    middle = (0.45 * height, swell * x, swell * y)
+    squareness = rng.choice([2.5, 4.0, 8.0, 12.0])
+    body = loft([(0, x, y), middle, (height, top_x, top_y)], BODY, squareness)
+    closure = _closure(rng, top_x, top_y, height)
+    edge = height
+    if closure:
+        edge = float(max(part_mesh(part).bounds()[1][2] for part in closure)) - 0.005
+    parts = [body, *closure]
+    size = (rng.uniform(0.007, 0.018), rng.uniform(0.006, 0.011))
+    span, rise = rng.uniform(0.35, 0.75) * top_x, rng.uniform(0.026, 0.065)
+    kind = rng.choice(5, p=(0.12, 0.22, 0.22, 0.22, 0.22))
+    if kind == 1 and (not closure or len(closure) == 1):
+        parts += _arch(span, rise, (0, edge), size)
+    elif kind == 2 and (not closure or len(closure) == 1):
+        corners = [[-span, 0, edge], [-span, 0, edge + rise],
+                   [span, 0, edge + rise], [span, 0, edge]]  # fmt: skip
+        parts += sweep(np.array(corners), size, (0, 1, 0), HANDLE)
+    elif kind in (1, 2, 3):
+        lean = rng.uniform(0.4, 0.6) * top_y if len(closure) < 2 else top_y - 0.0045
+        for side in (-1, 1):
+            parts += _arch(span, rise, (side * lean, edge), size)
+    elif kind == 4:
+        foot = rng.uniform(0.6, 0.95) * height
+        wide = float(np.interp(foot, [middle[0], height], [middle[1], top_x]))
+        path = arc_path((0, 0, foot), (wide, rng.uniform(0.075, 0.12)), (0, np.pi), 12)
+        band = (rng.uniform(0.01, 0.02), rng.uniform(0.006, 0.009))
+        parts += sweep(path, band, (0, 1, 0), STRAP)
+    return Shape(parts, STUFFED if rng.random() < 0.6 else LEATHER)
 
 
 BAGS: dict[str, Callable[[np.random.Generator], Shape]] = {

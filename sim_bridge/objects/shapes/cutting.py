@@ -229,6 +229,63 @@ def make_embroidery_scissors(rng: np.random.Generator) -> Shape:
     return _scissors(rng, blade, rng.uniform(0.018, 0.026), (loop, loop))
 
 
+def make_mixed_knife(rng: np.random.Generator) -> Shape:
+    """Any blade, pointed or blunt, on any handle, straight or at an angle to it."""
+    length = rng.uniform(0.055, 0.145)
+    width = rng.uniform(0.015, 0.04) if rng.random() < 0.8 else rng.uniform(0.04, 0.065)
+    grip = (rng.uniform(0.07, 0.115), rng.uniform(0.015, 0.028))
+    top = min(rng.uniform(0.3, 0.6) * width, 0.5 * grip[1])
+    low = top - width
+    pointed = bool(rng.random() < 0.55)
+    near = [
+        (rng.uniform(0.3, 0.85) * length, top - rng.uniform(0, 0.15) * width),
+        (rng.uniform(0.4, 0.9) * length, low + rng.uniform(0, 0.25) * width),
+    ]
+    if pointed:
+        tip = [(length, top - rng.uniform(0, 1) * width)]
+    else:
+        end, drop = rng.uniform(0.4, 0.9) * width, rng.uniform(0, 0.1) * width
+        cut = rng.uniform(0, 0.25) * end
+        tip = [
+            (length - cut, top - drop),
+            (length, top - drop - cut),
+            (length, top - drop - end + cut),
+            (length - cut, top - drop - end),
+        ]
+    label = POINTED if pointed else BLUNT
+    handle = _grip(rng, *grip, label)
+    if rng.random() < 0.35:
+        bolster = (rng.uniform(0.006, 0.016), rng.uniform(0.9, 1.5) * grip[1], 0.017)
+        handle.append(box(bolster, (-bolster[0] / 4, 0, 0), label))
+    if rng.random() < 0.3:
+        cap = (rng.uniform(0.008, 0.016), rng.uniform(0.9, 1.3) * grip[1], 0.016)
+        handle.append(box(cap, (-grip[0], 0, 0), label))
+    if rng.random() < 0.3:
+        handle = moved(handle, euler=(0, 0, rng.uniform(-0.3, 0.3)))
+    blade = _blade(
+        [(-0.004, top), *near, *tip, (-0.004, low)], rng.uniform(0.003, 0.004)
+    )
+    return Shape([blade, *handle], METAL_AND_PLASTIC)
+
+
+def make_mixed_scissors(rng: np.random.Generator) -> Shape:
+    """Any blades between any two loops, with or without stout grips."""
+    blade = (rng.uniform(0.042, 0.105), rng.uniform(0.0095, 0.023))
+    shank = rng.uniform(0.02, 0.052)
+    one = (rng.uniform(0.014, 0.034), rng.uniform(0.013, 0.019))
+    other = one
+    if rng.random() < 0.5:
+        other = (rng.uniform(0.014, 0.034), rng.uniform(0.013, 0.019))
+    label = BLUNT if rng.random() < 0.4 else POINTED
+    extras: list[list[Part]] = []
+    stout = rng.random() < 0.3
+    for loop in (one, other):
+        at = (-shank - 0.75 * loop[0], -2 * loop[1] - 0.004, 0)
+        size = (rng.uniform(1.2, 1.8) * loop[0], 0.011, rng.uniform(0.013, 0.017))
+        extras.append([box(size, at, label)] if stout else [])
+    return _scissors(rng, blade, shank, (one, other), label, (extras[0], extras[1]))
+
+
 KNIVES: dict[str, Callable[[np.random.Generator], Shape]] = {
     "chef": make_chef_knife,
     "paring": make_paring_knife,

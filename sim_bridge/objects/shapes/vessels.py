@@ -20,6 +20,7 @@ from sim_bridge.objects.shapes.building import (
     cylinder,
     disc,
     loft,
+    moved,
     rod,
     sweep,
     wall,
@@ -36,12 +37,14 @@ WALL = 0.004  # [m]
 N_WEDGES = 10  # per ring of a mug: few enough for fast physics
 
 
-def _mug_body(foot: float, belly: float, top: float, height: float) -> list[Part]:
+def _mug_body(
+    foot: float, belly: float, top: float, height: float, depth: float = 1.0
+) -> list[Part]:
     """Return a cup whose wall changes its label at the foot of the rim."""
     seam = (1 - RIM_SHARE) * height
-    lower: list[Section] = [disc(0, foot), disc(seam, belly)]
-    upper: list[Section] = [disc(seam, belly), disc(height, top)]
-    inner = [disc(z, x - WALL) for z, x, _ in upper]
+    lower: list[Section] = [(0, foot, depth * foot), (seam, belly, depth * belly)]
+    upper: list[Section] = [lower[1], (height, top, depth * top)]
+    inner = [(z, x - WALL, y - WALL) for z, x, y in upper]
     return [
         *cup(lower, WALL, BODY, n_wedges=N_WEDGES),
         *wall(inner, upper, RIM, n_wedges=N_WEDGES),
@@ -144,6 +147,32 @@ def make_teacup(rng: np.random.Generator) -> Shape:
     )
     ring = cylinder(foot * 0.9, 0.006, (0, 0, -0.003), "z", BODY)
     return Shape([*_mug_body(foot, belly, top, height), ring, *ear], CERAMIC)
+
+
+def make_mixed_mug(rng: np.random.Generator) -> Shape:
+    """Any cup, round or oval, with no ear, one, or two, perhaps on a stem."""
+    radius, height = rng.uniform(0.027, 0.043), rng.uniform(0.045, 0.13)
+    foot = radius * rng.uniform(0.55, 1.05)
+    belly = radius * rng.uniform(0.9, 1.12)
+    depth = rng.uniform(0.8, 1.0) if rng.random() < 0.3 else 1.0
+    parts = _mug_body(foot, belly, radius, height, depth)
+    seam = (1 - RIM_SHARE) * height
+    low, high = rng.uniform(0.1, 0.45) * height, rng.uniform(0.68, 0.94) * height
+    ends = tuple(
+        float(np.interp(z, [0, seam, height], [foot, belly, radius])) - WALL / 2
+        for z in (low, high)
+    )
+    size = (rng.uniform(0.008, 0.02), rng.uniform(0.006, 0.012))
+    ear = _ear((ends[0], ends[1]), (low, high), rng.uniform(0.02, 0.042),
+               square=bool(rng.random() < 0.4), size=size)  # fmt: skip
+    n_ears = rng.choice(3, p=(0.2, 0.6, 0.2))
+    parts += [p for k in range(n_ears) for p in moved(ear, euler=(0, 0, k * np.pi))]
+    if rng.random() < 0.2:
+        stem, rise = rng.uniform(0.3, 0.9) * foot, rng.uniform(0.006, 0.035)
+        parts.append(cylinder(stem, rise, (0, 0, 0.002 - rise / 2), "z", BODY))
+        base = rng.uniform(0.8, 1.1) * foot
+        parts.append(cylinder(max(base, stem), 0.005, (0, 0, -rise), "z", BODY))
+    return Shape(parts, CERAMIC)
 
 
 def _necked(
@@ -252,6 +281,45 @@ def make_decanter(rng: np.random.Generator) -> Shape:
     lip = loft([disc(height - 0.012, neck), disc(height, 1.5 * neck)], NECK)
     stopper = rod((0, 0, height + 0.004), (0, 0, height + 0.012), 0.013, NECK)
     return Shape([loft(sections, BODY), tube, lip, stopper], FILLED)
+
+
+def make_mixed_bottle(rng: np.random.Generator) -> Shape:
+    """Any body, neck and cap, perhaps with a handle at the side or a loop on top."""
+    x = rng.uniform(0.022, 0.042)
+    y = x * (rng.uniform(0.55, 1.0) if rng.random() < 0.5 else 1.0)
+    squareness = rng.choice([2.0, 2.0, 3.0, 5.0, 8.0])
+    height = rng.uniform(0.05, 0.145)
+    factors = rng.uniform(0.72, 1.0, 3)
+    factors /= factors.max()
+    levels = (0.0, rng.uniform(0.3, 0.7) * height, height)
+    foot, middle, top = (
+        (z, f * x, f * y) for z, f in zip(levels, factors.tolist(), strict=True)
+    )
+    neck = min(rng.uniform(0.008, 0.018), 0.8 * top[2])
+    mouth = height + rng.uniform(0.003, 0.035)
+    rim = mouth + rng.uniform(0.006, 0.05)
+    cap = (neck * rng.uniform(1.05, 1.9), rng.uniform(0.008, 0.028))
+    parts = [
+        loft([foot, middle], BODY, squareness),
+        loft([middle, top, disc(mouth, neck)], BODY, squareness),
+        cylinder(neck, rim - mouth + 0.004, (0, 0, (mouth + rim) / 2), "z", NECK),
+        cylinder(cap[0], cap[1], (0, 0, rim), "z", NECK),
+    ]
+    if rng.random() < 0.3:
+        low, high = rng.uniform(0.1, 0.35) * height, rng.uniform(0.7, 0.98) * height
+        ends = np.interp((low, high), levels, factors * x) - 0.004
+        reach, size = (
+            rng.uniform(0.024, 0.038),
+            rng.uniform((0.01, 0.008), (0.02, 0.013)),
+        )
+        square = bool(rng.random() < 0.5)
+        parts += _ear((ends[0], ends[1]), (low, high), reach, square=square,
+                      size=(size[0], size[1]))  # fmt: skip
+    elif rng.random() < 0.3:
+        reach = rng.uniform(0.03, 0.042)
+        arc = arc_path((0, 0, rim), (max(cap[0] - 0.003, 0.012), reach), (0, np.pi), 8)
+        parts += sweep(arc, (rng.uniform(0.009, 0.018), 0.007), (0, 1, 0), LOOP)
+    return Shape(parts, FILLED if rng.random() < 0.7 else HALF_FILLED)
 
 
 MUGS: dict[str, Callable[[np.random.Generator], Shape]] = {

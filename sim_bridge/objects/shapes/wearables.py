@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sim_bridge.objects.model import Part
+from sim_bridge.objects.model import Part, part_mesh
 from sim_bridge.objects.shapes.assembly import Shape
 from sim_bridge.objects.shapes.building import (
     arc_path,
@@ -39,7 +39,7 @@ TO_EAR = (0.0, -np.pi / 2, 0.0)  # turns z to -x
 
 def _headset(
     rng: np.random.Generator, half_span: float, band: tuple[float, float],
-    ear: tuple[float, float, float],
+    ear: tuple[float, float, float], squareness: float = 2.0,
 ) -> list[Part]:  # fmt: skip
     """Return a headband with two cups: ear = half depth, half height, thickness."""
     rise = half_span * rng.uniform(0.95, 1.15)
@@ -55,6 +55,7 @@ def _headset(
             (thickness, 0.8 * height, 0.75 * depth),
         ],
         CUP,
+        squareness,
     )
     pad = [(0, 0.85 * height, 0.85 * depth), (-0.008, 0.95 * height, 0.95 * depth)]
     at = (half_span - 0.35 * thickness, 0, -drop - 0.6 * height)
@@ -163,6 +164,47 @@ def make_headset(rng: np.random.Generator) -> Shape:
     return Shape([*parts, *pad, *ties, *boom, sphere(0.008, arm[-1], CABLE)], PLASTIC)
 
 
+def _joined_buds(rng: np.random.Generator) -> list[Part]:
+    """Return two plugs that a stiff cable joins, perhaps with a control on it."""
+    stem, half = rng.uniform(0.01, 0.034), rng.uniform(0.024, 0.05)
+    right = moved(_bud(rng, stem), (half, 0, 0))
+    arc = arc_path((0, 0, -stem), (half + 0.003, rng.uniform(0.04, 0.11)), (0, -np.pi),
+                   10)  # fmt: skip
+    radius = rng.uniform(0.0028, 0.004)
+    cable = [rod(arc[k], arc[k + 1], radius, CABLE) for k in range(len(arc) - 1)]
+    if rng.random() < 0.4:
+        cable.append(box((0.012, 0.01, 0.03), arc[2].tolist(), CABLE))
+    return [*right, *mirrored(right), *cable]
+
+
+def make_mixed_earphone(rng: np.random.Generator) -> Shape:
+    """Any cups on any headband, joined plugs, or one large plug."""
+    kind = rng.choice(3, p=(0.55, 0.25, 0.2))
+    if kind == 1:
+        return Shape(moved(_joined_buds(rng), euler=(np.pi / 2, 0, 0)), PLASTIC)
+    if kind == 2:
+        head, stem = rng.uniform(0.014, 0.022), rng.uniform(0.035, 0.065)
+        ball = ellipsoid((head, rng.uniform(0.8, 1.0) * head, head), (0, 0, 0), PLUG)
+        cone = loft([disc(0, 0.4 * head), disc(head, 0.65 * head)], PLUG)
+        pad = moved([cone], (-head + 0.006, 0, 0), TO_EAR)
+        x, radius = rng.uniform(0, 0.5) * head, rng.uniform(0.006, 0.009)
+        bar = rod((x, 0, 0), (x + rng.uniform(-0.01, 0.01), 0, -stem), radius, STEM)
+        return Shape(moved([ball, *pad, bar], euler=(np.pi / 2, 0, 0)), PLASTIC)
+    ear = (
+        rng.uniform(0.017, 0.033),
+        rng.uniform(0.019, 0.04),
+        rng.uniform(0.013, 0.03),
+    )
+    band = (rng.uniform(0.008, 0.032), rng.uniform(0.006, 0.012))
+    squareness = rng.choice([2.0, 3.0, 6.0])
+    parts = _headset(rng, rng.uniform(0.054, 0.075), band, ear, squareness)
+    if rng.random() < 0.2:
+        foot = part_mesh(parts[-1]).bounds().mean(axis=0)
+        end = foot + (rng.uniform(-0.02, 0.0), rng.uniform(-0.02, 0.02), -0.055)
+        parts.append(rod(foot, end, 0.0035, CABLE))
+    return Shape(parts, PLASTIC)
+
+
 def _hollow_crown(
     foot: float, top: float, height: float, thickness: float, depth: float = 1.0
 ) -> list[Part]:
@@ -184,6 +226,17 @@ def _flat_brim(
     low = [(0.0, inner, depth * inner), (0.006, inner, depth * inner)]
     high = [(rise, outer, depth * outer), (rise + 0.005, outer, depth * outer)]
     return wall(low, high, BRIM, n_wedges=10)
+
+
+def _visor(radius: float, reach: float, tilt: float) -> list[Part]:
+    """Return a visor in front of a crown's foot, and what ties it to the crown."""
+    spread = 0.8 * radius
+    front = [(spread, 0.5 * radius), (0.75 * spread, radius + 0.75 * reach),
+             (0.25 * spread, radius + reach)]  # fmt: skip
+    outline = [*front, *[(-x, y) for x, y in reversed(front)]]
+    visor = moved([sheet(outline, 0.006, BRIM)], (0, -0.003, 0.005), (tilt, 0, 0))
+    clipped = loft([(0.003, spread, 0.02), (0.009, spread, 0.02)], BRIM, 8.0)
+    return [*visor, *moved([clipped], (0, 0.85 * radius, 0))]
 
 
 def make_fedora(rng: np.random.Generator) -> Shape:
@@ -214,16 +267,9 @@ def make_cap(rng: np.random.Generator) -> Shape:
     dome = loft([disc(0.42 * height, 0.91 * radius), disc(0.75 * height, 0.68 * radius),
                  disc(0.95 * height, 0.35 * radius), disc(height, 0.1 * radius)],
                 CROWN)  # fmt: skip
-    reach, spread = rng.uniform(0.042, 0.055), 0.8 * radius
-    front = [(spread, 0.5 * radius), (0.75 * spread, radius + 0.75 * reach),
-             (0.25 * spread, radius + reach)]  # fmt: skip
-    outline = [*front, *[(-x, y) for x, y in reversed(front)]]
-    tilt = rng.uniform(-0.15, 0.05)
-    visor = moved([sheet(outline, 0.006, BRIM)], (0, -0.003, 0.005), (tilt, 0, 0))
-    clipped = loft([(0.003, spread, 0.02), (0.009, spread, 0.02)], BRIM, 8.0)
-    hinge = moved([clipped], (0, 0.85 * radius, 0))
+    visor = _visor(radius, rng.uniform(0.042, 0.055), rng.uniform(-0.15, 0.05))
     button = sphere(0.005, (0, 0, height), CROWN)
-    return Shape([*low, dome, *visor, *hinge, button], FELT)
+    return Shape([*low, dome, *visor, button], FELT)
 
 
 def make_bucket_hat(rng: np.random.Generator) -> Shape:
@@ -278,6 +324,40 @@ def make_cowboy_hat(rng: np.random.Generator) -> Shape:
     base = _hollow_crown(x, 0.92 * x, 0.6 * height, 0.005, y / x)
     top = loft([(0.58 * height, 0.92 * x, 0.92 * y), (height, 0.013, 0.8 * y)], CROWN)
     return Shape([*brim, *base, top], FELT)
+
+
+def make_mixed_hat(rng: np.random.Generator) -> Shape:
+    """Any crown, flat or domed, with a brim, a visor or a cuff."""
+    foot, height = rng.uniform(0.032, 0.056), rng.uniform(0.032, 0.066)
+    top = foot * rng.uniform(0.65, 1.05)
+    depth = rng.uniform(0.78, 1.0) if rng.random() < 0.5 else 1.0
+    parts = _hollow_crown(foot, top, height, 0.005, depth)
+    shape = rng.choice(3)
+    if shape > 0:  # a dome, or a crown with a ridge
+        rise = min(rng.uniform(0.2, 0.6) * foot, 0.08 - height)
+        end = (0.3 * top, 0.3 * top) if shape == 1 else (0.7 * top, 0.014)
+        shoulder = (height + 0.6 * rise, 0.8 * top, 0.8 * depth * top)
+        sections = [(height - 0.004, top, depth * top), (height + rise, *end)]
+        if shape == 1:
+            sections.insert(1, shoulder)
+        parts[-1] = loft(sections, CROWN)
+        height += rise
+    kind = rng.choice(3, p=(0.6, 0.2, 0.2))
+    if kind == 0:
+        reach = min(rng.uniform(0.012, 0.05), 0.095 - foot)
+        rise = rng.uniform(-0.35, 0.6) * min(reach, 0.035)
+        parts += _flat_brim(foot - 0.004, foot + reach, rise, depth)
+    elif kind == 1:
+        parts += _visor(foot, rng.uniform(0.03, 0.055), rng.uniform(-0.15, 0.1))
+    else:
+        cuff = rng.uniform(0.012, 0.028)
+        inner = [(z, foot - 0.006, depth * foot - 0.006) for z in (0.0, cuff)]
+        outer = [(z, foot + 0.003, depth * foot + 0.003) for z in (0.0, cuff)]
+        parts += wall(inner, outer, EDGE, n_wedges=10)
+    if rng.random() < 0.15:
+        size = rng.uniform(0.012, 0.02)
+        parts.append(sphere(size, (0, 0, height + 0.4 * size), BOBBLE))
+    return Shape(parts, FELT)
 
 
 EARPHONES: dict[str, Callable[[np.random.Generator], Shape]] = {

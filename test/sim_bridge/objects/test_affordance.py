@@ -6,18 +6,22 @@ from object_checks import count_pieces
 from neugrasp_ros.errors import UnknownNameError
 from sim_bridge.objects.affordance import (
     FIRST_HELD_OUT_SEED,
+    MIXED,
+    MIXED_MAKERS,
     STYLES,
     affordance_names,
     held_out_names,
     held_out_style,
     is_held_out,
     load_affordance,
+    mixed_names,
     parse_name,
 )
 from sim_bridge.objects.affordances import PART_TABLE, part_affordances
 from sim_bridge.objects.mesh_repair import is_watertight
 
 KINDS = [(category, style) for category, styles in STYLES.items() for style in styles]
+KINDS += [(category, MIXED) for category in MIXED_MAKERS]
 
 
 def test_seven_categories_with_five_styles_or_more_beside_the_held_out():
@@ -63,6 +67,14 @@ def test_training_names_hold_nothing_out_and_held_out_names_nothing_else():
     test = held_out_names(2)
     assert all(is_held_out(name) for name in test)
     assert not set(train) & set(test)
+
+
+def test_mixed_objects_are_of_all_categories_and_of_no_test():
+    names = mixed_names(3)
+    assert {parse_name(name).category for name in names} == set(STYLES)
+    assert len(names) == 3 * len(STYLES)
+    assert not any(is_held_out(name) for name in names)
+    assert not set(names) & {*affordance_names(), *held_out_names()}
 
 
 def test_new_and_known_styles_can_be_tested_apart():

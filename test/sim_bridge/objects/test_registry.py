@@ -91,7 +91,9 @@ def test_folders_are_searched_where_the_environment_says(tmp_path, monkeypatch):
 def test_empty_folder_and_unknown_name_say_what_was_expected(tmp_path):
     with pytest.raises(ObjectFileError, match="holds no"):
         object_set(str(tmp_path))
-    with pytest.raises(UnknownNameError, match="known: affordance, or a folder, proc"):
+    with pytest.raises(
+        UnknownNameError, match="known: affordance, affordance_mixed, or a"
+    ):
         object_set("proceduralistic")
 
 
@@ -139,3 +141,10 @@ def test_held_out_objects_are_those_never_learned_from():
     assert learned and not any(is_held_out(name) for name in learned)
     with pytest.raises(ConfigError, match="'held_out' of 'procedural' is empty"):
         part_names(object_set("procedural"), HELD_OUT)
+
+
+def test_mixed_affordance_objects_are_of_the_set_affordance_but_not_of_its_names():
+    mixed = object_set("affordance_mixed/hat")
+    assert mixed.name == "affordance"
+    assert {name.rpartition("/")[0] for name in mixed.names} == {"hat/mixed"}
+    assert not set(mixed.names) & set(object_set("affordance").names)
