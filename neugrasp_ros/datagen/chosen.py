@@ -26,6 +26,8 @@ from sim_bridge.world import TABLE_HEIGHT, World
 FloatArray = NDArray[np.float64]
 
 BEST_SHARE = 0.6  # of the grasps: the network's first; the others lie anywhere below
+ASKED_FROM = 0.3  # probability of a class from which a query for it may be answered
+PER_CLASS = 2  # first answers to such a query
 LEAST_QUALITY = 0.2  # what the network itself calls bad, random grasps teach as well
 DISTANCE = 0.012  # [m], and
 ANGLE = 0.3  # [rad]: nearer grasps are the same
@@ -80,6 +82,9 @@ def look_and_choose(
 def choose_some(grasps: GraspSet, count: int, rng: np.random.Generator) -> GraspSet:
     """Return the best distinct grasps and some of the others, in random order.
 
+    The best are the first answers to every class of affordance, then those of highest
+    quality.
+
     Args:
         grasps: Scored grasps.
         count: How many at most.
@@ -87,9 +92,27 @@ def choose_some(grasps: GraspSet, count: int, rng: np.random.Generator) -> Grasp
     """
     rows = distinct(grasps.poses, grasps.quality, DISTANCE, ANGLE)
     rows = rows[grasps.quality[rows] >= LEAST_QUALITY]
+    ordered = np.array(
+        list(dict.fromkeys([*first_answers(grasps, rows), *rows.tolist()])), dtype=int
+    )
     n_best = round(BEST_SHARE * count)
-    others = rng.permutation(rows[n_best:])[: count - n_best]
-    return grasps.take(rng.permutation(np.concatenate([rows[:n_best], others])))
+    others = rng.permutation(ordered[n_best:])[: count - n_best]
+    return grasps.take(rng.permutation(np.concatenate([ordered[:n_best], others])))
+
+
+def first_answers(grasps: GraspSet, rows: NDArray[np.int64]) -> list[int]:
+    """Return what queries for one class each are answered: first all firsts.
+
+    Args:
+        grasps: Scored grasps.
+        rows: Which of them may be answered.
+    """
+    answers: list[tuple[int, int]] = []
+    for column in grasps.affordances[rows].T:
+        asked = np.flatnonzero(column >= ASKED_FROM)
+        order = asked[np.argsort(-(grasps.quality[rows] * column)[asked])]
+        answers += list(enumerate(rows[order[:PER_CLASS]].tolist()))
+    return [row for _, row in sorted(answers, key=lambda answer: answer[0])]
 
 
 @lru_cache(maxsize=4)

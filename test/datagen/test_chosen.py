@@ -10,7 +10,7 @@ from sim_shapes import block_set, box_model, looking_down, standing
 
 from neugrasp_ros.datagen import chosen, labels
 from neugrasp_ros.datagen.candidates import SOURCES, CandidateConfig
-from neugrasp_ros.datagen.chosen import choose_some, look_and_choose
+from neugrasp_ros.datagen.chosen import choose_some, first_answers, look_and_choose
 from neugrasp_ros.datagen.labels import SceneJob, label_scene
 from neugrasp_ros.errors import EmptySceneError
 from neugrasp_ros.geometry.gripper import load_gripper
@@ -46,6 +46,18 @@ def test_most_are_the_best_and_some_are_others_but_none_that_it_calls_bad():
     other = choose_some(scored(qualities), 5, np.random.default_rng(1))
     assert not np.array_equal(picked.poses, other.poses)
     assert len(choose_some(scored([0.1, 0.0]), 5, np.random.default_rng(0))) == 0
+
+
+def test_first_answers_to_a_class_come_before_better_grasps_that_serve_nothing():
+    grasps = scored([0.9, 0.8, 0.5, 0.4, 0.3, 0.3])
+    classes = np.zeros((6, 2))
+    classes[[2, 3, 4], 0] = 0.5, 0.9, 0.4  # products 0.25, 0.36, 0.12: two are asked
+    classes[5, 1] = 0.2  # too unlikely to be asked for
+    grasps = grasps.with_scores(grasps.quality, classes)
+    assert first_answers(grasps, np.arange(6)) == [3, 2]
+    picked = choose_some(grasps, 5, np.random.default_rng(0))
+    assert {0.4, 0.5, 0.9} < set(picked.quality)
+    assert len(set(picked.ids)) == 5
 
 
 def test_grasps_that_are_nearly_the_same_count_once():
