@@ -230,7 +230,7 @@ class TrainConfig(Checked):
     device: str = option(
         "auto", "Where to train: a GPU if there is one", choices=("auto", "cpu", "cuda")
     )
-    bfloat16: bool = option(True, "Mixed precision where the device is a GPU")
+    bfloat16: bool = option(True, "Mixed precision where the device is quick at it")
 
 
 def load_config(config_type: type[Config], path: str | Path) -> Config:

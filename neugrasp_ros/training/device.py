@@ -3,6 +3,8 @@
 
 import os
 from dataclasses import fields, replace
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
@@ -12,6 +14,7 @@ from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import ConfigError
 
 Batch = TypeVar("Batch", bound=Any)
+CPU_INFO = Path("/proc/cpuinfo")
 
 
 def training_device(config: TrainConfig) -> torch.device:
@@ -41,9 +44,18 @@ def moved(batch: Batch, device: torch.device) -> Batch:
 
 
 def mixed_precision(config: TrainConfig, device: torch.device) -> torch.autocast:
-    """Return the context in which losses are computed; plain float32 on a CPU."""
+    """Return the context in which losses are computed: bfloat16 where it is quick."""
+    quick = device.type == "cuda" or multiplies_bfloat16()
     return torch.autocast(
-        device.type,
-        dtype=torch.bfloat16,
-        enabled=config.bfloat16 and device.type == "cuda",
+        device.type, dtype=torch.bfloat16, enabled=config.bfloat16 and quick
     )
+
+
+@lru_cache(maxsize=1)
+def multiplies_bfloat16(cpuinfo: Path = CPU_INFO) -> bool:
+    """Tell whether this CPU has instructions for bfloat16; others emulate it slowly."""
+    try:
+        flags = cpuinfo.read_text().split()
+    except OSError:
+        return False
+    return "avx512_bf16" in flags or "amx_bf16" in flags

@@ -16,6 +16,7 @@ def known_entropy(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
         targets: 0 or 1, of the same shape.
         known: Which rows count, shape (...).
     """
+    logits = logits.float()  # sums are too coarse in what mixed precision computes
     weight = known.to(logits.dtype)
     if logits.dim() > known.dim():
         weight = weight[..., None].expand_as(logits)
@@ -41,6 +42,7 @@ def affordance_loss(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
     Returns:
         A scalar; 0 if no grasp counts.
     """
+    logits = logits.float()
     weight = known.to(logits.dtype)[:, None]
     entropy = binary_cross_entropy_with_logits(logits, targets, reduction="none")
     entropy = (weight * entropy).sum(dim=0) / weight.sum().clamp(min=1.0)

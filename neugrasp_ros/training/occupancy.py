@@ -136,7 +136,7 @@ class OccupancyStage:
         batch = draw_batch(self._cache, self._config, rng)
         batch = moved(batch, device_of(self._network))
         planes = self._network.encode(batch.volumes)
-        logits = self._network.occupancy(planes, batch.points)
+        logits = self._network.occupancy(planes, batch.points).float()
         loss = binary_cross_entropy_with_logits(logits, batch.occupied)
         return {"occupancy": self._config.w_occupancy * loss}
 

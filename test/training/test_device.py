@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import ConfigError
+from neugrasp_ros.training import device
 from neugrasp_ros.training.device import (
     device_of,
     mixed_precision,
@@ -44,6 +45,20 @@ def test_a_batch_follows_its_model():
     assert batch.points.shape == (3, 2)
 
 
-def test_a_cpu_computes_in_float32():
+@pytest.mark.parametrize(
+    ("flags", "dtype"),
+    [("fma avx2 avx512f", torch.float32), ("avx512f avx512_bf16", torch.bfloat16)],
+)
+def test_a_cpu_computes_in_bfloat16_where_it_has_instructions_for_it(
+    tmp_path, monkeypatch, flags, dtype
+):
+    info = tmp_path / "cpuinfo"
+    info.write_text(f"flags\t\t: fpu {flags}\n")
+    quick = device.multiplies_bfloat16(info)
+    monkeypatch.setattr(device, "multiplies_bfloat16", lambda *_: quick)
     with mixed_precision(TrainConfig(), torch.device("cpu")):
+        assert (torch.ones(2, 2) @ torch.ones(2, 2)).dtype == dtype
+    with mixed_precision(TrainConfig(bfloat16=False), torch.device("cpu")):
         assert (torch.ones(2, 2) @ torch.ones(2, 2)).dtype == torch.float32
+    monkeypatch.undo()
+    assert not device.multiplies_bfloat16(tmp_path / "missing")
