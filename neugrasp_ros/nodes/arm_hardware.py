@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from numpy.typing import NDArray
-from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -18,6 +17,7 @@ from sensor_msgs.msg import JointState
 from neugrasp_ros.errors import CanceledError, MotionError
 from neugrasp_ros.geometry.finger_joint import joint_at, opening_at
 from neugrasp_ros.motion.limits import Trajectory
+from neugrasp_ros.nodes.compat.actions import ActionClient
 from neugrasp_ros.nodes.qos import overrides, sensor_input
 from neugrasp_ros.nodes.trajectories import Points, to_joint_trajectory
 from neugrasp_ros.robot.model import RobotModel

@@ -12,12 +12,12 @@ from neugrasp_msgs.srv import DetectGrasps
 from numpy.typing import NDArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.action import ActionClient
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from neugrasp_ros.manipulation.executor import GraspOutcome
+from neugrasp_ros.nodes.compat.actions import ActionClient
 from neugrasp_ros.nodes.compat.images import read_color
 from neugrasp_ros.nodes.conversions import from_stamp, only
 from neugrasp_ros.nodes.demo_client import DemoClient, DemoError, attempt_of

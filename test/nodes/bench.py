@@ -10,10 +10,10 @@ from neugrasp_msgs.srv import DetectGrasps
 from nodes.camera_node import CameraNode, ClientNode
 from nodes.standin import make_side_checker, make_standin
 from nodes.synthetic import CAMERA_FRAME, Scene
-from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 
+from neugrasp_ros.nodes.compat.actions import ActionClient
 from neugrasp_ros.nodes.compat.images import write_labels
 from neugrasp_ros.nodes.composed import Suite
 from neugrasp_ros.nodes.executor import PatientExecutor

@@ -10,7 +10,6 @@ pytest.importorskip("neugrasp_msgs")
 
 from neugrasp_msgs.action import ExecuteGrasp  # noqa: E402
 from neugrasp_msgs.msg import Grasp, GraspArray  # noqa: E402
-from rclpy.action import ActionClient  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
@@ -18,6 +17,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 from neugrasp_ros.fusion.tsdf import empty_volume  # noqa: E402
 from neugrasp_ros.geometry.transform import make_transform, translation  # noqa: E402
 from neugrasp_ros.manipulation.executor import GraspOutcome, Outcome  # noqa: E402
+from neugrasp_ros.nodes.compat.actions import ActionClient  # noqa: E402
 from neugrasp_ros.nodes.conversions import (  # noqa: E402
     from_grasp_array,
     to_pose,

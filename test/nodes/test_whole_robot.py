@@ -14,7 +14,6 @@ from builtin_interfaces.msg import Duration  # noqa: E402
 from neugrasp_msgs.action import ExecuteGrasp  # noqa: E402
 from neugrasp_msgs.msg import DetectionReport, Grasp, GraspArray  # noqa: E402
 from neugrasp_msgs.srv import DetectGrasps, SpawnScene  # noqa: E402
-from rclpy.action import ActionClient  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
@@ -23,6 +22,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 from neugrasp_ros.geometry.transform import make_transform  # noqa: E402
 from neugrasp_ros.manipulation.executor import GraspOutcome  # noqa: E402
 from neugrasp_ros.model import default_weights  # noqa: E402
+from neugrasp_ros.nodes.compat.actions import ActionClient  # noqa: E402
 from neugrasp_ros.nodes.composed import Suite  # noqa: E402
 from neugrasp_ros.nodes.conversions import to_pose  # noqa: E402
 from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402

@@ -12,12 +12,12 @@ pytest.importorskip("control_msgs")
 
 import rclpy  # noqa: E402
 from control_msgs.action import FollowJointTrajectory  # noqa: E402
-from rclpy.action import ActionClient  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 
 from neugrasp_ros.errors import ConfigError  # noqa: E402
+from neugrasp_ros.nodes.compat.actions import ActionClient  # noqa: E402
 from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
 from neugrasp_ros.nodes.runtime import SpinThread, prepare  # noqa: E402
 from neugrasp_ros.nodes.trajectories import Points, to_joint_trajectory  # noqa: E402
