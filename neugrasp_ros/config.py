@@ -78,6 +78,7 @@ class NetworkConfig(Checked):
     resolution: int = option(64, "Voxels per edge of the input volume", 8, 256)
     plane_resolution: int = option(32, "Cells per edge of a feature plane", 4, 256)
     channels: int = option(32, "Channels C of a feature plane", 4, 512)
+    unet: str = option("plain", "Blocks of the U-Net", choices=("plain", "residual"))
     unet_depth: int = option(3, "Levels of the U-Net shared by the planes", 1, 6)
     unet_channels: int = option(32, "Channels of its first level", 4, 256)
     occupancy_hidden: int = option(48, "Width of the occupancy decoder", 8, 1024)
@@ -124,8 +125,8 @@ class NetworkConfig(Checked):
         return self.context + len(self.affordances) if self.context else 0
 
 
-CPU_NETWORK = NetworkConfig()
-"""The size that is trained and shipped."""
+CPU_NETWORK = NetworkConfig(unet="residual", unet_depth=4, unet_channels=64)
+"""The size that is trained without a GPU; a weights file says which it has."""
 
 PAPER_NETWORK = NetworkConfig(
     stem="conv3d",

@@ -21,6 +21,8 @@ from neugrasp_ros.scene.context import ContextNet
 from neugrasp_ros.scene.network import SceneNetwork
 
 FORMAT = "neugrasp-1"
+SCENE, CONTEXT = "scene.", "context."  # what names of tensors begin with
+RESIDUAL = "scene.encoder.unet."
 
 
 class GraspNetwork(nn.Module):
@@ -84,8 +86,9 @@ def save_network(
 ) -> None:
     """Write weights, the configuration they need, and how they were made.
 
-    The file appears only when it is whole. The matrices of the context, nine numbers in
-    ten of the network, are stored in half precision and read back in single.
+    The file appears only when it is whole. The matrices of the context and of a
+    residual U-Net, nine numbers in ten of the network, are stored in half precision and
+    read back in single.
 
     Args:
         network: The network.
@@ -98,15 +101,18 @@ def save_network(
         "card": json.dumps(card or {}),
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    tensors = {k: _stored(k, v) for k, v in network.state_dict().items()}
+    large = (CONTEXT, RESIDUAL) if network.config.unet == "residual" else (CONTEXT,)
+    tensors = {
+        key: _stored(tensor, key.startswith(large))
+        for key, tensor in network.state_dict().items()
+    }
     part = path.with_suffix(".part")
     save_file(tensors, part, metadata=metadata)
     os.replace(part, path)
 
 
-def _stored(key: str, tensor: Tensor) -> Tensor:
-    is_large = key.startswith("context.") and tensor.dim() > 1
-    return (tensor.half() if is_large else tensor).contiguous()
+def _stored(tensor: Tensor, is_large: bool) -> Tensor:
+    return (tensor.half() if is_large and tensor.dim() > 1 else tensor).contiguous()
 
 
 def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
@@ -150,7 +156,8 @@ def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
 def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     """Take over the weights of a file; what it lacks stays as it is.
 
-    Weights of a network without affordance heads start one that has them. Those of one
+    Weights of a network with another scene encoder start the rest alone. Those without
+    affordance heads start a network that has them. Those of one
     without context start one with it, whose affordance head then reads more that has no
     say in the beginning; and the other way round, where it reads less.
 
@@ -171,8 +178,10 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
         tensors = {
             k: _fitted(k, v, own.get(k))
             for k, v in tensors.items()
-            if k in own or not k.startswith("context.")
+            if k in own or not k.startswith(CONTEXT)
         }
+    if _scene_shapes(tensors) != _scene_shapes(own):
+        tensors = {k: v for k, v in tensors.items() if not k.startswith(SCENE)}
     wrong = sorted(
         k for k, v in tensors.items() if k not in own or own[k].shape != v.shape
     )
@@ -182,6 +191,10 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
         )
     network.load_state_dict(tensors, strict=False)
     return tuple(sorted(set(own) - set(tensors)))
+
+
+def _scene_shapes(tensors: dict[str, Tensor]) -> dict[str, torch.Size]:
+    return {k: v.shape for k, v in tensors.items() if k.startswith(SCENE)}
 
 
 def _fitted(key: str, tensor: Tensor, own: Tensor | None) -> Tensor:

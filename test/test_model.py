@@ -239,14 +239,20 @@ def test_weights_without_context_begin_one_with_it_as_they_were(network, weights
         torch.testing.assert_close(now, old)
 
 
-def test_the_context_is_stored_in_half_precision_and_all_else_as_it_is(tmp_path):
-    network = GraspNetwork(replace(SMALL, context=4))
+@pytest.mark.parametrize("unet", ["plain", "residual"])
+def test_what_is_large_is_stored_in_half_precision_and_all_else_as_it_is(
+    tmp_path, unet
+):
+    network = GraspNetwork(replace(SMALL, context=4, unet=unet))
     path = tmp_path / "context.safetensors"
     save_network(network, path)
     with safe_open(path, framework="pt") as file:
         keys = list(file.keys())
         halves = {k for k in keys if file.get_tensor(k).dtype == torch.half}
-    assert halves and all(key.startswith("context.") for key in halves)
+    large = {key.partition(".unet.")[0] for key in halves if ".unet." in key}
+    assert large == ({"scene.encoder"} if unet == "residual" else set())
+    assert {key for key in halves if key.startswith("context.")}
+    assert all(key.startswith(("context.", "scene.encoder.unet.")) for key in halves)
     again = load_network(path)[0].state_dict()
     for key, tensor in network.state_dict().items():
         assert again[key].dtype == tensor.dtype
@@ -264,9 +270,18 @@ def test_weights_with_context_begin_one_without_it(network, weights, tmp_path):
         assert torch.equal(narrow.state_dict()[key], value), key
 
 
+def test_weights_of_another_encoder_begin_the_rest(network, weights):
+    new = GraspNetwork(replace(SMALL, unet="residual")).eval()
+    fresh = warm_start(new, weights)
+    assert fresh and all(key.startswith("scene.") for key in fresh)
+    assert {key for key in new.state_dict() if key.startswith("scene.")} == set(fresh)
+    for key, value in new.state_dict().items():
+        assert key in fresh or torch.equal(value, network.state_dict()[key])
+
+
 @pytest.mark.parametrize(
     ("change", "key"),
-    [({"channels": 8}, "scene.encoder"), ({"affordances": ()}, "detector.affordance")],
+    [({"channels": 8}, "detector"), ({"affordances": ()}, "detector.affordance")],
 )
 def test_weights_of_another_shape_do_not_start_a_network(weights, change, key):
     network = GraspNetwork(replace(SMALL, **change))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from neugrasp_ros.config import TrainConfig
+    from neugrasp_ros.config import NetworkConfig, TrainConfig
 
 CONTEXT = 32  # features of the surroundings that the affordance head reads
 
@@ -31,7 +31,11 @@ def add_parser(
     parser.add_argument(
         "--start", type=Path, help="weights to begin with; heads they lack are new"
     )
-    parser.add_argument("--network", default="cpu", choices=("cpu", "paper"))
+    parser.add_argument(
+        "--network", choices=("cpu", "paper"),
+        help="size; default that of --start, or cpu. Weights of another scene encoder "
+        "start the rest alone",
+    )  # fmt: skip
     parser.add_argument(
         "--steps",
         help="steps of the stages, such as occupancy=3600,joint=600; 0 skips one",
@@ -57,7 +61,6 @@ def add_parser(
 
 def run(args: argparse.Namespace) -> int:
     """Train, write the weights, print the card."""
-    from neugrasp_ros.config import CPU_NETWORK, PAPER_NETWORK
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.training.run import TrainingRun, train
     from neugrasp_ros.training.smoke import smoke_test
@@ -73,7 +76,6 @@ def run(args: argparse.Namespace) -> int:
             "train needs --data and --tune (`neugrasp datagen`), or --smoke"
         )
     stages = _stages(args)
-    network = PAPER_NETWORK if args.network == "paper" else CPU_NETWORK
     card = train(
         TrainingRun(
             train=tuple(Path(folder) for folder in args.data.split(",")),
@@ -81,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
             folder=args.out,
             weights=args.weights or args.out / "neugrasp.safetensors",
             network=replace(
-                network,
+                _shape(args),
                 affordances=AFFORDANCE_NAMES,
                 part_head=True,
                 context=CONTEXT if _has_context(args, stages) else 0,
@@ -96,6 +98,16 @@ def run(args: argparse.Namespace) -> int:
     if card:
         print(json.dumps(card, indent=1))
     return 0
+
+
+def _shape(args: argparse.Namespace) -> "NetworkConfig":
+    """Return the named network, or that of the weights to begin with."""
+    from neugrasp_ros.config import CPU_NETWORK, PAPER_NETWORK
+    from neugrasp_ros.model import load_network
+
+    if args.start and not args.network:
+        return load_network(args.start)[0].config
+    return PAPER_NETWORK if args.network == "paper" else CPU_NETWORK
 
 
 def _has_context(args: argparse.Namespace, stages: "tuple[TrainConfig, ...]") -> bool:

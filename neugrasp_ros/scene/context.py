@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import ConfigError
+from neugrasp_ros.scene.unet import Residual, doubled
 
 WIDTHS = (2.0, 3.5, 5.5, 8.0)  # of the levels, times the channels of the features
 BLOCKS = (1, 2, 2, 2)  # residual blocks of a level on the way down
@@ -48,7 +49,7 @@ class ContextNet(nn.Module):
         inputs = [2 * (self._high - self._low), *widths[:-1]]
         self.down = nn.ModuleList(
             nn.Sequential(
-                _halving(a, b, first=level == 0), *(_Residual(b) for _ in range(blocks))
+                _halving(a, b, first=level == 0), *(Residual(b) for _ in range(blocks))
             )
             for level, (a, b, blocks) in enumerate(
                 zip(inputs, widths, BLOCKS, strict=True)
@@ -56,7 +57,7 @@ class ContextNet(nn.Module):
         )
         pairs = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.grow = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in pairs)
-        self.up = nn.ModuleList(_Residual(b) for _, b in pairs)
+        self.up = nn.ModuleList(Residual(b) for _, b in pairs)
         self.last = nn.Conv2d(widths[0], channels * LAYERS, 1)
         self.parts = nn.Sequential(
             nn.Linear(channels + 1, PART_WIDTH),
@@ -83,10 +84,7 @@ class ContextNet(nn.Module):
             x = level(x)
             skips.append(x)
         for grow, block, skip in zip(self.grow, self.up, skips[-2::-1], strict=True):
-            wide = nn.functional.interpolate(
-                grow(x), scale_factor=2, mode="bilinear", align_corners=False
-            )
-            x = block(skip + wide)
+            x = block(skip + doubled(grow(x)))
         grid: Tensor = self.last(x).unflatten(1, (self._channels, LAYERS))
         return grid.permute(0, 1, 3, 4, 2)
 
@@ -131,24 +129,6 @@ class ContextNet(nn.Module):
         """Return what ``read`` does, of what ``features`` returned (B, N, C)."""
         parts = self.part_logits(features, points).sigmoid()
         return torch.cat([features, parts], dim=-1)
-
-
-class _Residual(nn.Module):
-    """Two convolutions beside a way past them."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.layers = nn.Sequential(
-            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
-            nn.BatchNorm2d(channels),
-            nn.ReLU(),
-            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
-            nn.BatchNorm2d(channels),
-        )
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Add what the layers make of x (B, C, H, W)."""
-        return torch.relu(x + self.layers(x))
 
 
 def _halving(inputs: int, outputs: int, *, first: bool) -> nn.Sequential:

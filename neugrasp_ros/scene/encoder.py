@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.registry import Registry
-from neugrasp_ros.scene.unet import UNet
+from neugrasp_ros.scene.unet import UNETS
 
 ENCODERS: Registry[type[nn.Module]] = Registry("encoder")
 
@@ -86,7 +86,9 @@ class VoxelEncoder(nn.Module):
             self.stem = nn.ModuleList(
                 nn.Conv2d(columns, channels, stride, stride=stride) for _ in KEPT_AXES
             )
-        self.unet = UNet(channels, config.unet_depth, config.unet_channels)
+        self.unet = UNETS[config.unet](
+            channels, config.unet_depth, config.unet_channels
+        )
 
     def forward(self, volume: Tensor) -> Tensor:
         """Encode volumes.

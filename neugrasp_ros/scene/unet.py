@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small U-Net over feature planes (method sheet, c2)."""
+"""U-Nets over feature planes: the paper's (method sheet, c2) and a residual one."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import torch
 from torch import Tensor, nn
@@ -51,3 +54,80 @@ class UNet(nn.Module):
         ):
             x = block(torch.cat([grow(x), skip], dim=1))
         return self.last(x)
+
+
+WIDTHS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0)  # of a residual U-Net's levels, of the first's
+BLOCKS = (1, 1, 2, 2, 2, 2)  # residual blocks of a level on the way down
+
+
+class Residual(nn.Module):
+    """Two convolutions beside a way past them."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
+            nn.BatchNorm2d(channels),
+            nn.ReLU(),
+            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
+            nn.BatchNorm2d(channels),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Add what the layers make of x (B, C, H, W)."""
+        return torch.relu(x + self.layers(x))
+
+
+class ResidualUNet(nn.Module):
+    """Like ``UNet``, of residual blocks with normalisation: it learns faster.
+
+    Args:
+        channels: Channels C of the planes that come and go.
+        depth: Number of levels; each halves the resolution of the one before.
+        start: Channels of the first level, which ``WIDTHS`` multiplies.
+    """
+
+    def __init__(self, channels: int, depth: int, start: int) -> None:
+        super().__init__()
+        widths = [round(factor * start) for factor in WIDTHS[:depth]]
+        ins = [channels, *widths[:-1]]
+        self.down = nn.ModuleList(
+            nn.Sequential(
+                nn.Conv2d(
+                    a, b, 2 if level else 1, stride=2 if level else 1, bias=False
+                ),
+                nn.BatchNorm2d(b),
+                nn.ReLU(),
+                *(Residual(b) for _ in range(blocks)),
+            )
+            for level, (a, b, blocks) in enumerate(
+                zip(ins, widths, BLOCKS[:depth], strict=True)
+            )
+        )
+        pairs = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
+        self.grow = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in pairs)
+        self.up = nn.ModuleList(Residual(b) for _, b in pairs)
+        self.last = nn.Conv2d(start, channels, 1)
+
+    def forward(self, planes: Tensor) -> Tensor:
+        """Map planes (B, C, R, R) to planes (B, C, R, R); 2^(depth-1) divides R."""
+        skips = []
+        x = planes
+        for level in self.down:
+            x = level(x)
+            skips.append(x)
+        for grow, block, skip in zip(self.grow, self.up, skips[-2::-1], strict=True):
+            x = block(skip + doubled(grow(x)))
+        return self.last(x)
+
+
+def doubled(planes: Tensor) -> Tensor:
+    """Interpolate planes (B, C, H, W) to twice the resolution."""
+    return nn.functional.interpolate(
+        planes, scale_factor=2, mode="bilinear", align_corners=False
+    )
+
+
+UNETS: Mapping[str, type[UNet] | type[ResidualUNet]] = MappingProxyType(
+    {"plain": UNet, "residual": ResidualUNet}
+)

@@ -207,6 +207,7 @@ def train_stage(
     if network.context is not None:  # it learns in its own stage
         network.context.eval().requires_grad_(False)
     if config.stage == "quality":
+        network.scene.eval()  # as it will be used: it stays as it is
         quality = QualityStage(network, grasps, config)
         optimise(network.detector, quality, config, out, keep)
         return

@@ -33,10 +33,14 @@ def volumes(count: int) -> list[np.ndarray]:
     return found
 
 
-@pytest.mark.parametrize("stem", ["axis", "conv3d"])
+@pytest.mark.parametrize(
+    ("stem", "unet"), [("axis", "plain"), ("axis", "residual"), ("conv3d", "plain")]
+)
 @pytest.mark.parametrize(("count", "threads"), [(1, 1), (1, 2), (3, 2)])
-def test_planes_are_the_networks(stem: str, count: int, threads: int) -> None:
-    network, seen = network_of(stem=stem), volumes(count)
+def test_planes_are_the_networks(
+    stem: str, unet: str, count: int, threads: int
+) -> None:
+    network, seen = network_of(stem=stem, unet=unet), volumes(count)
     channels = torch.from_numpy(np.stack([volume_channels(v) for v in seen]))
     with torch.no_grad():
         expected = network.encode(channels)

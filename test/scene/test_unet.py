@@ -2,13 +2,14 @@
 import pytest
 import torch
 
-from neugrasp_ros.scene.unet import UNet
+from neugrasp_ros.scene.unet import ResidualUNet, UNet
 
 
+@pytest.mark.parametrize("kind", [UNet, ResidualUNet])
 @pytest.mark.parametrize("depth", [1, 2, 3])
-def test_planes_keep_their_shape(depth):
+def test_planes_keep_their_shape(kind, depth):
     planes = torch.randn(2, 5, 16, 16, generator=torch.Generator().manual_seed(0))
-    assert UNet(5, depth, 4)(planes).shape == planes.shape
+    assert kind(5, depth, 4)(planes).shape == planes.shape
 
 
 def test_the_channels_double_from_level_to_level():
@@ -34,8 +35,9 @@ def test_a_deeper_net_sees_further(depth, reach):
     assert reach // 2 <= seen <= reach
 
 
-def test_every_level_gets_a_gradient():
+@pytest.mark.parametrize("kind", [UNet, ResidualUNet])
+def test_every_level_gets_a_gradient(kind):
     torch.manual_seed(0)
-    net = UNet(3, 3, 4)
+    net = kind(3, 3, 4)
     net(torch.randn(1, 3, 16, 16)).square().sum().backward()
     assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in net.parameters())
