@@ -22,7 +22,7 @@ from neugrasp_ros.scene.network import SceneNetwork
 
 FORMAT = "neugrasp-1"
 SCENE, CONTEXT = "scene.", "context."  # what names of tensors begin with
-RESIDUAL = "scene.encoder.unet."
+ENCODER, RESIDUAL = "scene.encoder.", "scene.encoder.unet."
 
 
 class GraspNetwork(nn.Module):
@@ -87,7 +87,7 @@ def save_network(
     """Write weights, the configuration they need, and how they were made.
 
     The file appears only when it is whole. The matrices of the context and of a
-    residual U-Net, nine numbers in ten of the network, are stored in half precision and
+    residual U-Net, most of a network that has them, are stored in half precision and
     read back in single.
 
     Args:
@@ -156,14 +156,14 @@ def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
 def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     """Take over the weights of a file; what it lacks stays as it is.
 
-    Weights of a network with another scene encoder start the rest alone. Those without
-    affordance heads start a network that has them. Those of one
-    without context start one with it, whose affordance head then reads more that has no
-    say in the beginning; and the other way round, where it reads less.
+    Weights of a network with another encoder start all but the scene network. Those of
+    a network without affordance heads start one that has them. Those of one without
+    context start one with it, whose affordance head then reads more that has no say in
+    the beginning; and the other way round, where it reads less.
 
     Args:
         network: Changed in place.
-        path: A weights file of the same shape, apart from heads and context.
+        path: A weights file of the same shape, apart from encoder, heads and context.
 
     Returns:
         Names of the tensors that the file does not have.
@@ -180,7 +180,7 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
             for k, v in tensors.items()
             if k in own or not k.startswith(CONTEXT)
         }
-    if _scene_shapes(tensors) != _scene_shapes(own):
+    if _encoder_shapes(tensors) != _encoder_shapes(own):
         tensors = {k: v for k, v in tensors.items() if not k.startswith(SCENE)}
     wrong = sorted(
         k for k, v in tensors.items() if k not in own or own[k].shape != v.shape
@@ -193,8 +193,8 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     return tuple(sorted(set(own) - set(tensors)))
 
 
-def _scene_shapes(tensors: dict[str, Tensor]) -> dict[str, torch.Size]:
-    return {k: v.shape for k, v in tensors.items() if k.startswith(SCENE)}
+def _encoder_shapes(tensors: dict[str, Tensor]) -> dict[str, torch.Size]:
+    return {k: v.shape for k, v in tensors.items() if k.startswith(ENCODER)}
 
 
 def _fitted(key: str, tensor: Tensor, own: Tensor | None) -> Tensor:

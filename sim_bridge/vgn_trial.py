@@ -91,9 +91,8 @@ def run_vgn_trial(
     stop_depth = _depth_before(T_world_gripper, gripper.commanded)
     least = rules.least_opening * gripper.gripper.max_opening
     gripper.close(shut_at=least if rules.skip_free_motion else -np.inf)
-    return _retreat_and_judge(
-        world, gripper, T_world_gripper, rules, (stop is not None, stop_depth)
-    )
+    approach = (stop is not None, stop_depth)
+    return _retreat_and_judge(world, gripper, T_world_gripper, rules, approach, least)
 
 
 def swept_contacts(
@@ -163,9 +162,9 @@ def _retreat_and_judge(
     T_world_gripper: FloatArray,
     rules: VgnRules,
     approach: tuple[bool, float],
+    least: float,
 ) -> TrialResult:
     touched, stop_depth = approach
-    least = rules.least_opening * gripper.gripper.max_opening
 
     def is_lost() -> bool:
         return gripper.width() <= least or not gripper.has_contact()

@@ -108,8 +108,8 @@ def _beside(points: np.ndarray, position: np.ndarray) -> int:
 def by_resolution(shot: Shot, repeats: int = 3) -> dict[int, dict[str, float]]:
     """Time fusion and encoding on 40 to 128 voxels per edge.
 
-    The networks have the shipped size, but for the number of voxels, and random
-    weights: what they are asked afterwards grows with the surface, as the square.
+    The networks have the plain U-Net and random weights: what they are asked afterwards
+    grows with the surface, as the square.
 
     Returns:
         Milliseconds by voxels per edge, and peak memory of the process so far in [MB].

@@ -17,6 +17,7 @@ from neugrasp_ros.errors import EmptySceneError
 from neugrasp_ros.fusion.tsdf import empty_volume, integrate
 from neugrasp_ros.geometry.gripper import Gripper
 from neugrasp_ros.geometry.transform import canonical_gripper
+from neugrasp_ros.grasp.queries import expected_gain
 from neugrasp_ros.grasp.ranking import distinct
 from neugrasp_ros.grasp.types import GraspSet
 from neugrasp_ros.pipeline import GraspPlanner
@@ -26,8 +27,10 @@ from sim_bridge.world import TABLE_HEIGHT, World
 FloatArray = NDArray[np.float64]
 
 BEST_SHARE = 0.6  # of the grasps: the network's first; the others lie anywhere below
-ASKED_FROM = 0.3  # probability of a class from which a query for it may be answered
-PER_CLASS = 2  # first answers to such a query
+ASKED_FROM = (
+    0.3  # probability of a class: also what a query just misses is learned from
+)
+PER_CLASS = 2  # answers to a query for it
 LEAST_QUALITY = 0.2  # what the network itself calls bad, random grasps teach as well
 DISTANCE = 0.012  # [m], and
 ANGLE = 0.3  # [rad]: nearer grasps are the same
@@ -82,8 +85,8 @@ def look_and_choose(
 def choose_some(grasps: GraspSet, count: int, rng: np.random.Generator) -> GraspSet:
     """Return the best distinct grasps and some of the others, in random order.
 
-    The best are the first answers to every class of affordance, then those of highest
-    quality.
+    The best are the answers to queries for each class of affordance, as many as fit,
+    then those of highest quality.
 
     Args:
         grasps: Scored grasps.
@@ -92,26 +95,29 @@ def choose_some(grasps: GraspSet, count: int, rng: np.random.Generator) -> Grasp
     """
     rows = distinct(grasps.poses, grasps.quality, DISTANCE, ANGLE)
     rows = rows[grasps.quality[rows] >= LEAST_QUALITY]
-    ordered = np.array(
-        list(dict.fromkeys([*first_answers(grasps, rows), *rows.tolist()])), dtype=int
-    )
+    answers = answers_per_class(grasps, rows, rng)
+    ordered = np.array(list(dict.fromkeys([*answers, *rows.tolist()])), dtype=np.int64)
     n_best = round(BEST_SHARE * count)
     others = rng.permutation(ordered[n_best:])[: count - n_best]
     return grasps.take(rng.permutation(np.concatenate([ordered[:n_best], others])))
 
 
-def first_answers(grasps: GraspSet, rows: NDArray[np.int64]) -> list[int]:
-    """Return what queries for one class each are answered: first all firsts.
+def answers_per_class(
+    grasps: GraspSet, rows: NDArray[np.int64], rng: np.random.Generator
+) -> list[int]:
+    """Return what queries for one class each are answered: all first ones first.
 
     Args:
         grasps: Scored grasps.
         rows: Which of them may be answered.
+        rng: Draws the order of the classes.
     """
     answers: list[tuple[int, int]] = []
-    for column in grasps.affordances[rows].T:
+    for column in rng.permutation(grasps.affordances[rows].T):
         asked = np.flatnonzero(column >= ASKED_FROM)
-        order = asked[np.argsort(-(grasps.quality[rows] * column)[asked])]
-        answers += list(enumerate(rows[order[:PER_CLASS]].tolist()))
+        gain = expected_gain(grasps.quality[rows[asked]], column[asked])
+        best = rows[asked[np.argsort(-gain)[:PER_CLASS]]]
+        answers += list(enumerate(best.tolist()))
     return [row for _, row in sorted(answers, key=lambda answer: answer[0])]
 
 

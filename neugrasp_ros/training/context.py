@@ -100,7 +100,7 @@ class ContextStage:
         batch = moved(drawn, device)
         volumes, points, classes = (t.to(device) for t in self._parts(rng))
         grid = self._context(torch.cat([batch.volumes, volumes]))
-        with torch.no_grad():
+        with torch.no_grad(), torch.autocast(device.type, enabled=False):
             planes = network.scene.encode(batch.volumes)
         _, logits = grasp_logits(network, planes, batch, grid[:size])
         near = self._told(grid[:size], batch.local_points)

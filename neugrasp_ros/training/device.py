@@ -15,6 +15,7 @@ from neugrasp_ros.errors import ConfigError
 
 Batch = TypeVar("Batch", bound=Any)
 CPU_INFO = Path("/proc/cpuinfo")
+BFLOAT16_FLAGS = frozenset({"avx512_bf16", "amx_bf16", "bf16"})  # the last one is ARM's
 
 
 def training_device(config: TrainConfig) -> torch.device:
@@ -58,4 +59,4 @@ def multiplies_bfloat16(cpuinfo: Path = CPU_INFO) -> bool:
         flags = cpuinfo.read_text().split()
     except OSError:
         return False
-    return "avx512_bf16" in flags or "amx_bf16" in flags
+    return not BFLOAT16_FLAGS.isdisjoint(flags)

@@ -145,6 +145,7 @@ def optimise(
             _save(folder, model, optimiser, config, step + 1, progress)
             _keep(folder, keep, config)
             saved = time.monotonic()
+    share_weights(model)  # running statistics are each process's own until here
     _save(folder, model, optimiser, config, config.steps, progress)
     _keep(folder, keep, config)
     if curves:

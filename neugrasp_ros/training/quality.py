@@ -104,7 +104,8 @@ class QualityStage:
     @torch.no_grad()
     def _encoded(self, index: int, volume: Tensor) -> Tensor:
         if index not in self._planes:
-            planes = self.network.scene.encode(volume[None])[0]
+            with torch.autocast(volume.device.type, enabled=False):
+                planes = self.network.scene.encode(volume[None])[0]
             self._planes[index] = planes.half().cpu()
         return self._planes[index].float().to(volume.device)
 
@@ -144,7 +145,7 @@ class JointStage(QualityStage):
         scene, config = self.network.scene, self.config
         features = scene.features(planes, batch.local_points)
         local = scene.decoder(batch.local_points, features)
-        losses = {"local": config.w_local * bce(local, batch.local_occupied)}
+        losses = {"local": config.w_local * bce(local.float(), batch.local_occupied)}
         if self.network.config.part_head:
             loss = known_entropy(
                 self.network.parts(features), batch.local_classes, batch.local_known

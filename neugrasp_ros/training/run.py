@@ -14,7 +14,14 @@ from neugrasp_ros.config import NetworkConfig, TrainConfig
 from neugrasp_ros.datagen.labels import SceneLabels
 from neugrasp_ros.datagen.pool import process_pool
 from neugrasp_ros.datagen.shards import load_shards
-from neugrasp_ros.model import GraspNetwork, file_sha256, save_network, warm_start
+from neugrasp_ros.errors import ConfigError
+from neugrasp_ros.model import (
+    ENCODER,
+    GraspNetwork,
+    file_sha256,
+    save_network,
+    warm_start,
+)
 from neugrasp_ros.training.batches import GraspCache
 from neugrasp_ros.training.cache import render_entry, save_entry
 from neugrasp_ros.training.calibration import calibrate
@@ -97,6 +104,7 @@ def train(run: TrainingRun) -> dict[str, Any]:
 
     Raises:
         CheckpointError: If the weights to begin with do not fit the network.
+        ConfigError: If their encoder does not fit, and no stage would teach a new one.
     """
     scenes = [
         replace(labels, index=number * FOLDER_STRIDE + labels.index)
@@ -165,6 +173,12 @@ def _new_network(run: TrainingRun, scenes: Sequence[SceneLabels]) -> GraspNetwor
     if run.start is not None:
         fresh = warm_start(network, run.start)
         LOGGER.info("began with %s; new: %s", run.start, ", ".join(fresh) or "nothing")
+        learned = {stage.stage for stage in run.stages} & {"occupancy", "joint"}
+        if any(key.startswith(ENCODER) for key in fresh) and not learned:
+            raise ConfigError(
+                f"{run.start} has another scene encoder: the new one needs the stage "
+                "occupancy or joint"
+            )
     return network
 
 
@@ -207,7 +221,7 @@ def train_stage(
     if network.context is not None:  # it learns in its own stage
         network.context.eval().requires_grad_(False)
     if config.stage == "quality":
-        network.scene.eval()  # as it will be used: it stays as it is
+        network.scene.eval()  # with its running statistics, as when it is used
         quality = QualityStage(network, grasps, config)
         optimise(network.detector, quality, config, out, keep)
         return

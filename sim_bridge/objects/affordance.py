@@ -68,7 +68,7 @@ def parse_name(name: str) -> AffordanceName:
     category, _, rest = name.partition("/")
     style, _, seed = rest.partition("/")
     if category not in STYLES or style not in (*STYLES[category], MIXED):
-        known = [f"{c}/{s}/<seed>" for c in STYLES for s in STYLES[c]]
+        known = [f"{c}/{s}/<seed>" for c in STYLES for s in (*STYLES[c], MIXED)]
         raise UnknownNameError("affordance object", name, known)
     if not (seed.isascii() and seed.isdigit()):
         raise UnknownNameError(

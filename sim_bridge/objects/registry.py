@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 
 from neugrasp_ros.errors import ConfigError, ObjectFileError, UnknownNameError
 from sim_bridge.objects import affordance, procedural
@@ -16,10 +17,12 @@ from sim_bridge.objects.model import ObjectModel
 from sim_bridge.objects.partnet_set import find_partnet, load_partnet_shape
 from sim_bridge.objects.urdf import find_urdfs, load_urdf
 
-AFFORDANCE_LISTS = {
-    affordance.SET_NAME: affordance.affordance_names,
-    affordance.MIXED_SET_NAME: affordance.mixed_names,
-}
+AFFORDANCE_LISTS = MappingProxyType(
+    {
+        affordance.SET_NAME: affordance.affordance_names,
+        affordance.MIXED_SET_NAME: affordance.mixed_names,
+    }
+)
 BUILT_IN = ("procedural", *AFFORDANCE_LISTS, "random_urdfs")
 BROKEN_RANDOM_URDFS = ("168",)  # its vertices are not numbers, as published
 FOLDERS_VARIABLE = "NEUGRASP_OBJECTS"  # folders that hold object folders, ':' between
@@ -134,11 +137,15 @@ def part_names(objects: ObjectSet, part: str) -> tuple[str, ...]:
             styles or seeds that are never learned from.
 
     Raises:
-        ConfigError: If the part is empty.
+        ConfigError: If the part is empty, or of objects that are for training alone.
         UnknownNameError: If there is no such part.
     """
     if part == "all":
         return objects.names
+    if part != "train" and _has_mixed(objects):
+        raise ConfigError(
+            f"{affordance.MIXED_SET_NAME!r} is for training alone, not for {part!r}"
+        )
     if part == HELD_OUT:
         served = objects.name == affordance.SET_NAME
         names = _held_out_like(objects.names) if served else ()
@@ -147,6 +154,11 @@ def part_names(objects: ObjectSet, part: str) -> tuple[str, ...]:
     if not names:
         raise ConfigError(f"the part {part!r} of {objects.name!r} is empty")
     return names
+
+
+def _has_mixed(objects: ObjectSet) -> bool:
+    named = objects.names if objects.name == affordance.SET_NAME else ()
+    return any(affordance.parse_name(n).style == affordance.MIXED for n in named)
 
 
 def _affordance_set(all_names: Iterable[str], categories: Iterable[str]) -> ObjectSet:

@@ -10,7 +10,7 @@ from sim_shapes import block_set, box_model, looking_down, standing
 
 from neugrasp_ros.datagen import chosen, labels
 from neugrasp_ros.datagen.candidates import SOURCES, CandidateConfig
-from neugrasp_ros.datagen.chosen import choose_some, first_answers, look_and_choose
+from neugrasp_ros.datagen.chosen import answers_per_class, choose_some, look_and_choose
 from neugrasp_ros.datagen.labels import SceneJob, label_scene
 from neugrasp_ros.errors import EmptySceneError
 from neugrasp_ros.geometry.gripper import load_gripper
@@ -54,10 +54,22 @@ def test_first_answers_to_a_class_come_before_better_grasps_that_serve_nothing()
     classes[[2, 3, 4], 0] = 0.5, 0.9, 0.4  # products 0.25, 0.36, 0.12: two are asked
     classes[5, 1] = 0.2  # too unlikely to be asked for
     grasps = grasps.with_scores(grasps.quality, classes)
-    assert first_answers(grasps, np.arange(6)) == [3, 2]
+    assert answers_per_class(grasps, np.arange(6), np.random.default_rng(0)) == [3, 2]
     picked = choose_some(grasps, 5, np.random.default_rng(0))
     assert {0.4, 0.5, 0.9} < set(picked.quality)
     assert len(set(picked.ids)) == 5
+    bad = grasps.with_scores(np.full(6, 0.1), classes)
+    assert len(choose_some(bad, 5, np.random.default_rng(0))) == 0
+
+
+def test_more_answers_than_fit_leave_no_class_out_for_good():
+    grasps = scored([0.9, 0.8, 0.7, 0.6])
+    grasps = grasps.with_scores(grasps.quality, np.eye(4))
+    firsts = {
+        answers_per_class(grasps, np.arange(4), np.random.default_rng(seed))[0]
+        for seed in range(20)
+    }
+    assert firsts == {0, 1, 2, 3}
 
 
 def test_grasps_that_are_nearly_the_same_count_once():

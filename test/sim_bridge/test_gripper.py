@@ -133,3 +133,14 @@ def test_shut_jaws_need_no_more_steps(make_world, name):
     assert ends[0][0] == 120
     assert ends[1][0] < 100
     assert ends[0][1] < 1e-3 < ends[1][1] < 0.008
+
+
+def test_jaws_that_hold_something_take_the_whole_time(make_world):
+    world = make_world()
+    world.load_object(box_model(0.02, 0.02, 0.02), standing(0.02))
+    hand = hand_in(world, "panda")
+    hand.teleport(looking_down(0.15, 0.15, 0.065), 0.06)
+    before = world.steps
+    hand.close(shut_at=0.008)
+    assert world.steps - before == 120
+    assert abs(hand.width() - 0.04) < 2e-3

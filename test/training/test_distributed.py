@@ -28,6 +28,7 @@ def test_two_processes_start_alike_draw_apart_and_end_alike(tmp_path):
         json.loads((tmp_path / f"rank_{rank}.json").read_text()) for rank in (0, 1)
     )
     assert one["weights"] == other["weights"]
+    assert one["statistics"] == other["statistics"]
     assert one["steps"] == [0, 2, 4, 6]
     assert other["steps"] == [1, 3, 5, 7]
     assert one["weights"] != one["first"]

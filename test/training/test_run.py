@@ -9,9 +9,17 @@ from diamond import AFFORDING_NETWORK, SMALL_NETWORK, diamond_network
 from labelled import CENTER, SIDE, TOP, labels_of
 
 from neugrasp_ros.config import TrainConfig
+from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.geometry.transform import translation
+from neugrasp_ros.model import GraspNetwork, save_network
 from neugrasp_ros.training.cache import load_entry
-from neugrasp_ros.training.run import DEFAULT_STAGES, render_scenes, train_stage
+from neugrasp_ros.training.run import (
+    DEFAULT_STAGES,
+    TrainingRun,
+    _new_network,
+    render_scenes,
+    train_stage,
+)
 from sim_bridge.objects.affordances import AFFORDANCE_NAMES
 from sim_bridge.objects.registry import object_set
 from sim_bridge.scene import PlacedObject
@@ -19,9 +27,14 @@ from sim_bridge.scene import PlacedObject
 HANDS = [translation(0, 0, 0.005 * i) @ hand for i in range(4) for hand in (TOP, SIDE)]
 
 
+@pytest.fixture(params=["plain", "residual"])
+def unet(request):
+    return request.param
+
+
 @pytest.fixture
-def network():
-    return diamond_network(SMALL_NETWORK, CENTER, 0.04)
+def network(unet):
+    return diamond_network(replace(SMALL_NETWORK, unet=unet), CENTER, 0.04)
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +85,9 @@ def labelled_mug() -> Any:
 
 
 @pytest.fixture
-def context_network():
+def context_network(unet):
     config = replace(AFFORDING_NETWORK, affordances=AFFORDANCE_NAMES, context=4)
-    return diamond_network(replace(config, resolution=64), CENTER, 0.04)
+    return diamond_network(replace(config, resolution=64, unet=unet), CENTER, 0.04)
 
 
 def test_points_on_labelled_objects_are_rendered_with_a_scene(tmp_path):
@@ -122,3 +135,18 @@ def test_the_quality_stage_trains_the_detector_alone(network, tmp_path):
     assert all(key.startswith("detector.") for key in changed)
     assert (tmp_path / "quality" / "state.pt").is_file()
     assert np.isfinite([p.detach().abs().max() for p in network.parameters()]).all()
+
+
+def test_a_new_encoder_needs_a_stage_that_teaches_it(tmp_path):
+    start = tmp_path / "start.safetensors"
+    save_network(GraspNetwork(AFFORDING_NETWORK), start)
+    run = TrainingRun(
+        train=(), tune=tmp_path, folder=tmp_path, weights=tmp_path / "out",
+        network=replace(AFFORDING_NETWORK, unet="residual"), start=start,
+        stages=(TrainConfig(stage="quality"),),
+    )  # fmt: skip
+    known = replace(labelled_mug(), index=1)
+    with pytest.raises(ConfigError, match="another scene encoder: .* occupancy or"):
+        _new_network(run, [known])
+    taught = replace(run, stages=(TrainConfig(stage="joint"), *run.stages))
+    assert _new_network(taught, [known]).config.unet == "residual"

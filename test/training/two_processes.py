@@ -28,10 +28,10 @@ def main() -> None:
             if mine:
                 (folder / "once.txt").write_text(str(rank))
         torch.manual_seed(rank)
-        model = torch.nn.Linear(3, 1)
-        drawn = model.weight.tolist()
+        model = torch.nn.Sequential(torch.nn.BatchNorm1d(3), torch.nn.Linear(3, 1))
+        drawn = model[1].weight.tolist()
         share_weights(model)
-        first, steps = model.weight.tolist(), []
+        first, steps = model[1].weight.tolist(), []
 
         def loss(step: int) -> dict[str, torch.Tensor]:
             steps.append(step)
@@ -41,7 +41,8 @@ def main() -> None:
         optimise(model, loss, CONFIG, folder)
         report = {
             "drawn": drawn, "first": first, "steps": steps,
-            "weights": model.weight.tolist(),
+            "weights": model[1].weight.tolist(),
+            "statistics": model[0].running_mean.tolist(),
         }  # fmt: skip
         (folder / f"rank_{rank}.json").write_text(json.dumps(report))
 

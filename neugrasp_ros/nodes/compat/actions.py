@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """An action client whose requests may be sent from any thread.
 
-Up to Jazzy, ``rclpy.action.ActionClient`` sends a request first and notes its number
-afterwards. An answer that another thread of the executor takes in between is dropped as
-unexpected, and whoever waits for it waits forever.
+Before rclpy 7.1.6, ``rclpy.action.ActionClient`` sends a request first and notes its
+number afterwards (ros2/rclpy#1123). An answer that another thread of the executor takes
+in between is dropped as unexpected, and whoever waits for it waits forever.
 """
 
+import inspect
 import threading
 from typing import Any
 
@@ -13,7 +14,7 @@ from rclpy import action
 from rclpy.task import Future
 
 
-class ActionClient(action.ActionClient):
+class PatientClient(action.ActionClient):
     """The client of rclpy, which takes no answer while it sends a request."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -37,3 +38,13 @@ class ActionClient(action.ActionClient):
         """Take what has come, see rclpy."""
         with self._sending:
             return super().take_data()
+
+
+def sends_under_lock(client: Any) -> bool:
+    """Tell whether a client of rclpy itself notes a request's number in time."""
+    return "_lock" in inspect.getsource(client.send_goal_async)
+
+
+ActionClient = (
+    action.ActionClient if sends_under_lock(action.ActionClient) else PatientClient
+)

@@ -195,14 +195,15 @@ def make_mixed_bag(rng: np.random.Generator) -> Shape:
     size = (rng.uniform(0.007, 0.018), rng.uniform(0.006, 0.011))
     span, rise = rng.uniform(0.35, 0.75) * top_x, rng.uniform(0.026, 0.065)
     kind = rng.choice(5, p=(0.12, 0.22, 0.22, 0.22, 0.22))
-    if kind == 1 and (not closure or len(closure) == 1):
+    is_open = len(closure) > 1
+    if kind == 1 and not is_open:
         parts += _arch(span, rise, (0, edge), size)
-    elif kind == 2 and (not closure or len(closure) == 1):
+    elif kind == 2 and not is_open:
         corners = [[-span, 0, edge], [-span, 0, edge + rise],
                    [span, 0, edge + rise], [span, 0, edge]]  # fmt: skip
         parts += sweep(np.array(corners), size, (0, 1, 0), HANDLE)
     elif kind in (1, 2, 3):
-        lean = rng.uniform(0.4, 0.6) * top_y if len(closure) < 2 else top_y - 0.0045
+        lean = top_y - 0.0045 if is_open else rng.uniform(0.4, 0.6) * top_y
         for side in (-1, 1):
             parts += _arch(span, rise, (side * lean, edge), size)
     elif kind == 4:

@@ -148,3 +148,7 @@ def test_mixed_affordance_objects_are_of_the_set_affordance_but_not_of_its_names
     assert mixed.name == "affordance"
     assert {name.rpartition("/")[0] for name in mixed.names} == {"hat/mixed"}
     assert not set(mixed.names) & set(object_set("affordance").names)
+    assert 0 < len(part_names(mixed, "train")) < len(mixed)
+    for part in ("val", "tune", HELD_OUT):
+        with pytest.raises(ConfigError, match=f"training alone, not for '{part}'"):
+            part_names(mixed, part)
