@@ -2,12 +2,15 @@
 """Several processes as one training, when ``torchrun`` has started them."""
 
 import os
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 import torch
 import torch.distributed as dist
 from torch import nn
+
+LAST_WORK = 0.2  # [s] for gloo's threads to let go of it; else leaving aborts at times
 
 
 @contextmanager
@@ -19,6 +22,8 @@ def processes() -> Iterator[None]:
     dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
     try:
         yield
+        dist.barrier()
+        time.sleep(LAST_WORK)
     finally:
         dist.destroy_process_group()
 
