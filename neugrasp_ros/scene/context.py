@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import ConfigError
-from neugrasp_ros.scene.unet import Residual, doubled
+from neugrasp_ros.scene.unet import Residual, down_and_up
 
 WIDTHS = (2.0, 3.5, 5.5, 8.0)  # of the levels, times the channels of the features
 BLOCKS = (1, 2, 2, 2)  # residual blocks of a level on the way down
@@ -78,13 +78,7 @@ class ContextNet(nn.Module):
         signed, free, unknown = volume[..., self._low : self._high].unbind(dim=1)
         distances, known = signed + free, 1 - unknown  # free space is at distance 1
         columns = torch.cat([distances, known], dim=-1).permute(0, 3, 1, 2)
-        skips = []
-        x = columns
-        for level in self.down:
-            x = level(x)
-            skips.append(x)
-        for grow, block, skip in zip(self.grow, self.up, skips[-2::-1], strict=True):
-            x = block(skip + doubled(grow(x)))
+        x = down_and_up(columns, self.down, self.grow, self.up)
         grid: Tensor = self.last(x).unflatten(1, (self._channels, LAYERS))
         return grid.permute(0, 1, 3, 4, 2)
 

@@ -113,21 +113,33 @@ class ResidualUNet(nn.Module):
 
     def forward(self, planes: Tensor) -> Tensor:
         """Map planes (B, C, R, R) to planes (B, C, R, R); 2^(depth-1) divides R."""
-        skips = []
-        x = planes
-        for level in self.down:
-            x = level(x)
-            skips.append(x)
-        for grow, block, skip in zip(self.grow, self.up, skips[-2::-1], strict=True):
-            x = block(skip + doubled(grow(x)))
-        return self.last(x)
+        return self.last(down_and_up(planes, self.down, self.grow, self.up))
 
 
-def doubled(planes: Tensor) -> Tensor:
-    """Interpolate planes (B, C, H, W) to twice the resolution."""
-    return nn.functional.interpolate(
-        planes, scale_factor=2, mode="bilinear", align_corners=False
-    )
+def down_and_up(
+    x: Tensor, down: nn.ModuleList, grow: nn.ModuleList, up: nn.ModuleList
+) -> Tensor:
+    """Go down the levels of a U-Net and up again, adding what each level had.
+
+    Args:
+        x: Shape (B, C, H, W).
+        down: One module a level; each but perhaps the first halves the resolution.
+        grow: Each brings the level below to the channels of one, from below.
+        up: What is done with the sum.
+
+    Returns:
+        What the first level has in the end.
+    """
+    skips = []
+    for level in down:
+        x = level(x)
+        skips.append(x)
+    for widen, block, skip in zip(grow, up, skips[-2::-1], strict=True):
+        doubled = nn.functional.interpolate(
+            widen(x), scale_factor=2, mode="bilinear", align_corners=False
+        )
+        x = block(skip + doubled)
+    return x
 
 
 UNETS: Mapping[str, type[UNet] | type[ResidualUNet]] = MappingProxyType(
