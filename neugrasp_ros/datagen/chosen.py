@@ -27,9 +27,7 @@ from sim_bridge.world import TABLE_HEIGHT, World
 FloatArray = NDArray[np.float64]
 
 BEST_SHARE = 0.6  # of the grasps: the network's first; the others lie anywhere below
-ASKED_FROM = (
-    0.3  # probability of a class: also what a query just misses is learned from
-)
+ASKED_FROM = 0.3  # of a class: what a query just leaves out is learned from, too
 PER_CLASS = 2  # answers to a query for it
 LEAST_QUALITY = 0.2  # what the network itself calls bad, random grasps teach as well
 DISTANCE = 0.012  # [m], and

@@ -308,13 +308,10 @@ def make_mixed_bottle(rng: np.random.Generator) -> Shape:
     if rng.random() < 0.3:
         low, high = rng.uniform(0.1, 0.35) * height, rng.uniform(0.7, 0.98) * height
         ends = np.interp((low, high), levels, factors * x) - 0.004
-        reach, size = (
-            rng.uniform(0.024, 0.038),
-            rng.uniform((0.01, 0.008), (0.02, 0.013)),
-        )
+        reach = rng.uniform(0.024, 0.038)
+        size = (rng.uniform(0.01, 0.02), rng.uniform(0.008, 0.013))
         square = bool(rng.random() < 0.5)
-        parts += _ear((ends[0], ends[1]), (low, high), reach, square=square,
-                      size=(size[0], size[1]))  # fmt: skip
+        parts += _ear((ends[0], ends[1]), (low, high), reach, square=square, size=size)
     elif rng.random() < 0.3:
         reach = rng.uniform(0.03, 0.042)
         arc = arc_path((0, 0, rim), (max(cap[0] - 0.003, 0.012), reach), (0, np.pi), 8)

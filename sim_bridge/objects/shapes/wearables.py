@@ -335,11 +335,12 @@ def make_mixed_hat(rng: np.random.Generator) -> Shape:
     shape = rng.choice(3)
     if shape > 0:  # a dome, or a crown with a ridge
         rise = min(rng.uniform(0.2, 0.6) * foot, 0.08 - height)
-        end = (0.3 * top, 0.3 * top) if shape == 1 else (0.7 * top, 0.014)
-        shoulder = (height + 0.6 * rise, 0.8 * top, 0.8 * depth * top)
-        sections = [(height - 0.004, top, depth * top), (height + rise, *end)]
+        sections = [(height - 0.004, top, depth * top)]
         if shape == 1:
-            sections.insert(1, shoulder)
+            shoulder = (height + 0.6 * rise, 0.8 * top, 0.8 * depth * top)
+            sections += [shoulder, disc(height + rise, 0.3 * top)]
+        else:
+            sections.append((height + rise, 0.7 * top, 0.014))
         parts[-1] = loft(sections, CROWN)
         height += rise
     kind = rng.choice(3, p=(0.6, 0.2, 0.2))

@@ -3,7 +3,6 @@
 
 import asyncio
 import threading
-from types import SimpleNamespace
 
 import pytest
 
@@ -83,9 +82,9 @@ def test_a_client_that_locks_its_requests_itself_is_known():
             with self._lock:
                 return None
 
+    class Plain:
+        def send_goal_async(self):
+            return None
+
     assert sends_under_lock(Locking)
-    assert not sends_under_lock(SimpleNamespace(send_goal_async=print_nothing))
-
-
-def print_nothing():
-    """Do what a client without a lock does."""
+    assert not sends_under_lock(Plain)
