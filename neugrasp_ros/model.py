@@ -21,7 +21,7 @@ from neugrasp_ros.scene.context import ContextNet
 from neugrasp_ros.scene.network import SceneNetwork
 
 FORMAT = "neugrasp-1"
-SCENE, CONTEXT = "scene.", "context."  # what names of tensors begin with
+SCENE, CONTEXT, PARTS = "scene.", "context.", "parts."  # how names of tensors begin
 ENCODER, RESIDUAL = "scene.encoder.", "scene.encoder.unet."
 
 
@@ -159,7 +159,8 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     Weights of a network with another encoder start all but the scene network. Those of
     a network without affordance heads start one that has them. Those of one without
     context start one with it, whose affordance head then reads more that has no say in
-    the beginning; and the other way round, where it reads less.
+    the beginning; and the other way round, where it reads less. A part head that the
+    network does not have is left out.
 
     Args:
         network: Changed in place.
@@ -174,12 +175,13 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     """
     source, _ = load_network(path)
     tensors, own = source.state_dict(), network.state_dict()
+    tensors = {
+        k: v
+        for k, v in tensors.items()
+        if k in own or not k.startswith((CONTEXT, PARTS))
+    }
     if bool(network.config.context) != bool(source.config.context):
-        tensors = {
-            k: _fitted(k, v, own.get(k))
-            for k, v in tensors.items()
-            if k in own or not k.startswith(CONTEXT)
-        }
+        tensors = {k: _fitted(k, v, own.get(k)) for k, v in tensors.items()}
     if _encoder_shapes(tensors) != _encoder_shapes(own):
         tensors = {k: v for k, v in tensors.items() if not k.startswith(SCENE)}
     wrong = sorted(

@@ -28,11 +28,12 @@ from sim_bridge.objects.model import ObjectModel
 from sim_bridge.robot_body import RobotBody, RobotSetup, Touch
 from sim_bridge.scenes import build_scene
 from sim_bridge.trial_result import TrialResult
-from sim_bridge.world import FAST_ITERATIONS, World
+from sim_bridge.world import World
 
 FloatArray = NDArray[np.float64]
 
 ROLLING = 1e-3  # [m]; rolling and spinning friction of objects
+SOLVER_ITERATIONS = 50
 CONTROL_STEPS = 2  # physics steps between two set points: 120 Hz
 
 
@@ -83,7 +84,7 @@ class _FurnishedWorld(World):
         self.furniture = FURNITURE["table"]
         self.T_world_base = np.eye(4)
         self.blocks: dict[int, Block] = {}
-        super().__init__(sleeping=True, solver_iterations=FAST_ITERATIONS)
+        super().__init__(sleeping=True, solver_iterations=SOLVER_ITERATIONS)
 
     def load_table(self) -> int:
         """Load the furniture's support and what is not in the way of objects."""

@@ -270,6 +270,17 @@ def test_weights_with_context_begin_one_without_it(network, weights, tmp_path):
         assert torch.equal(narrow.state_dict()[key], value), key
 
 
+def test_a_part_head_is_left_where_the_network_has_none(tmp_path):
+    torch.manual_seed(1)
+    save_network(
+        GraspNetwork(replace(SMALL, part_head=True)), tmp_path / "old.safetensors"
+    )
+    new = GraspNetwork(SMALL)
+    assert warm_start(new, tmp_path / "old.safetensors") == ()
+    old = load_network(tmp_path / "old.safetensors")[0].state_dict()
+    assert all(torch.equal(v, old[k]) for k, v in new.state_dict().items())
+
+
 def test_weights_of_another_encoder_begin_the_rest(network, weights):
     new = GraspNetwork(replace(SMALL, unet="residual")).eval()
     fresh = warm_start(new, weights)

@@ -43,6 +43,10 @@ def add_parser(
         "--trials", type=int, default=30, help="grasps a scene that may be tried"
     )
     parser.add_argument(
+        "--collisions", type=int, default=12,
+        help="grasps a scene that collide before they begin: labelled, not tried",
+    )  # fmt: skip
+    parser.add_argument(
         "--chosen", action="store_true",
         help="label the grasps that the network itself would choose in a random view",
     )  # fmt: skip
@@ -72,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.weights and not args.chosen:
         raise ConfigError("--weights says whose choice is labelled: give --chosen too")
-    require_positive(args, "trials", "scenes", "workers")
+    require_positive(args, "trials", "collisions", "scenes", "workers")
     plan = RunPlan(
         objects=tuple(args.objects.split(",")),
         kind=args.kind,
@@ -81,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         split=args.split,
         physics=not args.no_physics,
-        candidates=CandidateConfig(n_trials=args.trials),
+        candidates=CandidateConfig(n_trials=args.trials, n_collisions=args.collisions),
         weights=(args.weights or str(default_weights())) if args.chosen else "",
     )
     if engine == "local":  # other machines have folders of their own

@@ -64,7 +64,6 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.training.run import TrainingRun, train
     from neugrasp_ros.training.smoke import smoke_test
-    from sim_bridge.objects.affordances import AFFORDANCE_NAMES
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     if args.smoke:
@@ -82,13 +81,7 @@ def run(args: argparse.Namespace) -> int:
             tune=args.tune,
             folder=args.out,
             weights=args.weights or args.out / "neugrasp.safetensors",
-            network=replace(
-                _shape(args),
-                affordances=AFFORDANCE_NAMES,
-                part_head=True,
-                context=CONTEXT if _has_context(args, stages) else 0,
-                local_view=args.local_view,
-            ),
+            network=_shape(args, stages),
             stages=stages,
             workers=args.workers,
             start=args.start,
@@ -100,19 +93,30 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _shape(args: argparse.Namespace) -> "NetworkConfig":
-    """Return the named network, or that of the weights to begin with."""
+def _shape(
+    args: argparse.Namespace, stages: "tuple[TrainConfig, ...]"
+) -> "NetworkConfig":
+    """Return the named network, or that of the weights to begin with.
+
+    It has a context if one is trained, or the weights to begin with have one; ablations
+    of the local view have none.
+    """
     from neugrasp_ros.config import CPU_NETWORK, PAPER_NETWORK
     from neugrasp_ros.model import load_network
+    from sim_bridge.objects.affordances import AFFORDANCE_NAMES
 
-    if args.start and not args.network:
-        return load_network(args.start)[0].config
-    return PAPER_NETWORK if args.network == "paper" else CPU_NETWORK
-
-
-def _has_context(args: argparse.Namespace, stages: "tuple[TrainConfig, ...]") -> bool:
-    """Tell whether a context is trained: ablations of the local view have none."""
-    return args.local_view == "rendered" and any(s.stage == "context" for s in stages)
+    started = load_network(args.start)[0].config if args.start else None
+    named = PAPER_NETWORK if args.network == "paper" else CPU_NETWORK
+    shape = named if args.network or started is None else started
+    wanted = any(s.stage == "context" for s in stages) or (started and started.context)
+    context = CONTEXT if wanted and args.local_view == "rendered" else 0
+    return replace(
+        shape,
+        affordances=AFFORDANCE_NAMES,
+        part_head=not context,
+        context=context,
+        local_view=args.local_view,
+    )
 
 
 def _stages(args: argparse.Namespace) -> "tuple[TrainConfig, ...]":

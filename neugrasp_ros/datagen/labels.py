@@ -132,6 +132,12 @@ class GraspLabels:
         """Return the number of grasps."""
         return len(self.positions)
 
+    def take(self, kept: NDArray[np.bool_]) -> "GraspLabels":
+        """Return the grasps for which ``kept`` (G,) is true."""
+        return GraspLabels(
+            **{item.name: getattr(self, item.name)[kept] for item in fields(self)}
+        )
+
     def poses(self) -> FloatArray:
         """Return the poses ``T_task_gripper``, shape (G, 4, 4)."""
         return pose_from(

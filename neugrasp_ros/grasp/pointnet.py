@@ -101,10 +101,22 @@ class NeuGraspDetector(nn.Module):
         Returns:
             Quality logits (G,) and affordance logits (G, A).
         """
-        points = point_features
-        if self.read is not None:
-            points = torch.cat([points, self.read(plane_features).relu()], dim=-1)
+        points = self._points(point_features, plane_features)
         return self._decided(points, tokens, None, context)
+
+    def quality_alone(
+        self, point_features: Tensor, tokens: Tensor, plane_features: Tensor
+    ) -> Tensor:
+        """Return the quality logits (G,) of ``forward``; they need no context."""
+        points = self._points(point_features, plane_features)
+        logits: Tensor = self.quality(points, tokens, None)[:, 0]
+        return logits
+
+    def _points(self, point_features: Tensor, plane_features: Tensor) -> Tensor:
+        """Join to each point what is read off the planes, if it is asked for."""
+        if self.read is None:
+            return point_features
+        return torch.cat([point_features, self.read(plane_features).relu()], dim=-1)
 
     @property
     def takes_runs(self) -> bool:

@@ -10,7 +10,7 @@ import os
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from zipfile import BadZipFile
@@ -50,6 +50,8 @@ LOGGER = logging.getLogger(__name__)
 REPORT_SECONDS = 15.0
 LOCAL_NOISE = 0.003  # [m], spread of the points of the local occupancy loss
 NOT_KNOWN = 255  # of an affordance
+COLLISION_SHARE = 0.25  # of grasps that collide at once, to the others of a scene
+LEAST_COLLISIONS = 12
 PART_REACH = 0.008  # [m], how far from a part a point may be and still be its
 
 
@@ -305,11 +307,33 @@ def _look_at(
             continue
         rng = np.random.default_rng([seed, labels.index, view])
         camera = labels.T_task_camera if view == 0 else None
-        entry = view_grasps(labels, network, rng, camera=camera)
+        shown = with_few_collisions(labels, rng)
+        entry = view_grasps(shown, network, rng, camera=camera)
         if entry is not None:
             save_grasps(entry, path)
             added += 1
     return added
+
+
+def with_few_collisions(labels: SceneLabels, rng: np.random.Generator) -> SceneLabels:
+    """Leave out grasps that collide at once where a scene has many of them.
+
+    They are cheap to label and quick to learn; grasps are drawn evenly from a scene,
+    so what physics told of the others would be seen less often.
+
+    Args:
+        labels: A labelled scene; returned as it is if it has few of them.
+        rng: Draws which ones stay.
+    """
+    grasps = labels.grasps
+    collide = np.flatnonzero(grasps.judged() & ~grasps.tried)
+    others = len(grasps) - len(collide)
+    most = max(LEAST_COLLISIONS, round(COLLISION_SHARE * others))
+    if len(collide) <= most:
+        return labels
+    kept = np.ones(len(grasps), dtype=bool)
+    kept[rng.permutation(collide)[most:]] = False
+    return replace(labels, grasps=grasps.take(kept))
 
 
 def _reported(counts: Iterable[int], n_scenes: int) -> Iterator[int]:

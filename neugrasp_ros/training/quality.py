@@ -41,27 +41,43 @@ def grasp_logits(
     Returns:
         Quality logits (B * K,) and affordance logits (B * K, A).
     """
-    features = network.scene.features(planes, batch.points)
-    shape = batch.point_features.shape[:2]
-    arguments = [batch.point_features, batch.tokens, features.reshape(*shape, -1)]
+    features = point_plane_features(network, planes, batch)
+    arguments = [batch.point_features, batch.tokens, features]
     if network.context is not None:
         grid = network.context(batch.volumes) if grid is None else grid
-        arguments.append(network.context.read(grid, batch.points).reshape(*shape, -1))
+        told = network.context.read(grid, batch.points)
+        arguments.append(told.reshape(*batch.point_features.shape[:2], -1))
     logits: tuple[Tensor, Tensor] = network.detector(*arguments)
     return logits
+
+
+def point_plane_features(
+    network: GraspNetwork, planes: Tensor, batch: GraspBatch
+) -> Tensor:
+    """Return the plane features at the grasps' points, shape (B * K, P, 3 * C)."""
+    features = network.scene.features(planes, batch.points)
+    return features.reshape(*batch.point_features.shape[:2], -1)
 
 
 def grasp_losses(
     network: GraspNetwork, planes: Tensor, batch: GraspBatch, config: TrainConfig
 ) -> dict[str, Tensor]:
-    """Return the weighted losses of quality and, if there are heads, affordances."""
-    quality, affordance = grasp_logits(network, planes, batch)
-    entropy = known_entropy(quality, batch.labels, batch.judged)
-    losses = {"quality": config.w_quality * entropy}
-    if network.config.affordances:
+    """Return the weighted losses of quality and, if there are heads, affordances.
+
+    The affordance head of a network with context learns in the context's own stage.
+    """
+    affordances = network.config.affordances and network.context is None
+    if affordances:
+        quality, affordance = grasp_logits(network, planes, batch)
         loss = affordance_loss(affordance, batch.affordances, batch.known)
-        losses["affordance"] = config.w_affordance * loss
-    return losses
+        losses = {"affordance": config.w_affordance * loss}
+    else:
+        detector: Any = network.detector
+        features = point_plane_features(network, planes, batch)
+        quality = detector.quality_alone(batch.point_features, batch.tokens, features)
+        losses = {}
+    entropy = known_entropy(quality, batch.labels, batch.judged)
+    return {"quality": config.w_quality * entropy, **losses}
 
 
 class QualityStage:

@@ -218,8 +218,10 @@ def train_stage(
             )  # fmt: skip
     grasps = GraspCache(folder / "grasps")
     network.train().to(device)
-    if network.context is not None:  # it learns in its own stage
-        network.context.eval().requires_grad_(False)
+    if network.context is not None:  # it learns in its own stage, with its head
+        detector: Any = network.detector
+        for part in (network.context, detector.affordance):
+            part.eval().requires_grad_(False)
     if config.stage == "quality":
         network.scene.eval()  # with its running statistics, as when it is used
         quality = QualityStage(network, grasps, config)

@@ -54,11 +54,16 @@ def test_words_become_a_plan(calls, capsys):
 
 
 def test_a_network_chooses_only_when_asked(calls):
-    for words in (("--trials", "9"), ("--chosen",), ("--chosen", "--weights", "w")):
+    for words in (
+        ("--trials", "9", "--collisions", "50"),
+        ("--chosen",),
+        ("--chosen", "--weights", "w"),
+    ):
         args = parse("--out", "d", *words)
         assert args.run(args) == 0
     drawn, shipped, given = (plan for plan, _, _ in calls)
-    assert (drawn.weights, drawn.candidates.n_trials) == ("", 9)
+    assert drawn.weights == ""
+    assert (drawn.candidates.n_trials, drawn.candidates.n_collisions) == (9, 50)
     assert shipped.weights == str(default_weights())
     assert given.weights == "w"
 

@@ -9,6 +9,7 @@ import pytest
 from diamond import SMALL_NETWORK, diamond_network
 from labelled import ASTRAY, CENTER, SIDE, TOP, labels_of
 
+from neugrasp_ros.datagen.labels import REASONS
 from neugrasp_ros.errors import ShardError
 from neugrasp_ros.geometry.mesh import box_mesh
 from neugrasp_ros.geometry.transform import look_at, translation
@@ -24,6 +25,7 @@ from neugrasp_ros.training.grasps import (
     part_targets,
     save_grasps,
     view_grasps,
+    with_few_collisions,
 )
 from neugrasp_ros.training.views import (
     EDGE,
@@ -183,6 +185,33 @@ def test_the_view_in_which_grasps_were_chosen_is_seen_first(network, tmp_path):
     )  # fmt: skip
     wrong = [np.isnan(dequantise(v)) != np.isnan(seen) for v in volumes]
     assert wrong[0].mean() < 0.02 < wrong[1].mean()
+
+
+def test_many_collisions_do_not_crowd_out_what_physics_told():
+    scene = labels_of(*[TOP] * 100)
+    tried = np.arange(100) < 60
+    reasons = np.where(tried, 0, REASONS.index("pregrasp_collision")).astype(np.uint8)
+    openings = np.linspace(0.04, 0.08, 100, dtype=np.float32)
+    grasps = replace(scene.grasps, tried=tried, reasons=reasons, openings=openings)
+    crowded = replace(scene, grasps=grasps)
+    draws = [
+        with_few_collisions(crowded, np.random.default_rng(n)).grasps for n in (0, 1)
+    ]
+    for kept in draws:
+        np.testing.assert_array_equal(kept.openings[kept.tried], openings[:60])
+        assert (~kept.tried).sum() == 15
+    assert not np.array_equal(draws[0].openings, draws[1].openings)
+    few = replace(scene, grasps=grasps.take(np.arange(100) < 72))
+    assert with_few_collisions(few, np.random.default_rng(0)) is few
+
+
+def test_untried_grasps_of_scenes_without_physics_all_stay():
+    scene = labels_of(*[TOP] * 40)
+    reasons = np.full(40, REASONS.index("not_tried"), dtype=np.uint8)
+    reasons[30:] = REASONS.index("pregrasp_collision")
+    grasps = replace(scene.grasps, tried=np.zeros(40, dtype=bool), reasons=reasons)
+    untried = replace(scene, grasps=grasps)
+    assert with_few_collisions(untried, np.random.default_rng(0)) is untried
 
 
 def test_a_scene_is_rendered_for_the_first_stage():

@@ -74,6 +74,18 @@ def test_grasps_that_were_not_judged_leave_the_quality_alone(cache, network):
     assert grasp_losses(network, planes, nobody, CONFIG)["quality"] == 0.0
 
 
+def test_the_heads_of_a_network_with_context_learn_in_its_own_stage(cache):
+    network = GraspNetwork(replace(NETWORK, context=4)).eval()
+    stage = QualityStage(network, cache, CONFIG)
+    chosen, batch = stage.draw(0)
+    planes = network.scene.encode(batch.volumes)
+    losses = grasp_losses(network, planes, batch, CONFIG)
+    assert set(losses) == {"quality"}
+    both, _ = grasp_logits(network, planes, batch)
+    alone = binary_cross_entropy_with_logits(both, batch.labels)
+    torch.testing.assert_close(losses["quality"], CONFIG.w_quality * alone)
+
+
 def test_without_heads_there_is_no_affordance_loss(cache):
     network = GraspNetwork(replace(NETWORK, affordances=())).train()
     assert set(QualityStage(network, cache, CONFIG)(0)) == {"quality"}

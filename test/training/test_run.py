@@ -102,7 +102,7 @@ def test_points_on_labelled_objects_are_rendered_with_a_scene(tmp_path):
 @pytest.mark.parametrize(
     ("stage", "trained"),
     [
-        ("quality", ("detector.",)),
+        ("quality", ("detector.read.", "detector.quality.")),
         ("context", ("context.", "detector.affordance.")),
     ],
 )
@@ -117,7 +117,8 @@ def test_a_stage_leaves_the_rest_of_a_network_with_context(
     changed = {k for k, v in network.state_dict().items() if (v != before[k]).any()}
     assert changed
     assert all(key.startswith(trained) for key in changed)
-    others = [p for n, p in network.named_parameters() if not n.startswith("context.")]
+    affordances = ("context.", "detector.affordance.")
+    others = [p for n, p in network.named_parameters() if not n.startswith(affordances)]
     assert all(p.requires_grad for p in others)
 
 
