@@ -22,6 +22,7 @@ from neugrasp_ros.scene.network import SceneNetwork
 
 FORMAT = "neugrasp-1"
 SCENE, CONTEXT, PARTS = "scene.", "context.", "parts."  # how names of tensors begin
+AFFORDANCE_HEAD = "detector.affordance."
 ENCODER, RESIDUAL = "scene.encoder.", "scene.encoder.unet."
 
 
@@ -79,6 +80,18 @@ def default_weights() -> Path:
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file, as reports quote it."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def quality_sha256(network: GraspNetwork) -> str:
+    """Return a SHA-256 of all that decides what is promised of a grasp's success.
+
+    Weights that differ in context and affordances alone have the same.
+    """
+    digest = hashlib.sha256()
+    for key, tensor in sorted(network.state_dict().items()):
+        if not key.startswith((CONTEXT, PARTS, AFFORDANCE_HEAD, "affordance_")):
+            digest.update(key.encode() + tensor.cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def save_network(
@@ -204,7 +217,7 @@ def _fitted(key: str, tensor: Tensor, own: Tensor | None) -> Tensor:
 
     Inputs that it has not have zeros.
     """
-    if own is None or not key.startswith("detector.affordance.points."):
+    if own is None or not key.startswith(f"{AFFORDANCE_HEAD}points."):
         return tensor
     if tensor.dim() != 2 or own.shape[0] != tensor.shape[0]:
         return tensor

@@ -17,6 +17,7 @@ from neugrasp_ros.model import (
     GraspNetwork,
     file_sha256,
     load_network,
+    quality_sha256,
     save_network,
     warm_start,
 )
@@ -268,6 +269,18 @@ def test_weights_with_context_begin_one_without_it(network, weights, tmp_path):
     assert warm_start(narrow, tmp_path / "wide.safetensors") == ()
     for key, value in network.state_dict().items():
         assert torch.equal(narrow.state_dict()[key], value), key
+
+
+def test_the_hash_of_the_quality_tells_what_else_differs_apart(weights):
+    first = load_network(weights)[0]
+    wider = GraspNetwork(replace(SMALL, context=4, part_head=True))
+    warm_start(wider, weights)
+    wider.affordance_calibration += 1
+    assert quality_sha256(wider) == quality_sha256(first)
+    for key in ("calibration", "detector.read.bias", "scene.decoder.logit.bias"):
+        other = load_network(weights)[0]
+        other.state_dict()[key] += 1e-3
+        assert quality_sha256(other) != quality_sha256(first), key
 
 
 def test_a_part_head_is_left_where_the_network_has_none(tmp_path):

@@ -14,7 +14,12 @@ import numpy as np
 from neugrasp_ros.benchmark.metrics import summarize
 from neugrasp_ros.benchmark.protocol import Suite
 from neugrasp_ros.benchmark.records import RoundRecord
-from neugrasp_ros.model import default_weights, file_sha256
+from neugrasp_ros.model import (
+    default_weights,
+    file_sha256,
+    load_network,
+    quality_sha256,
+)
 
 
 def say(rounds: Sequence[RoundRecord], n_rounds: int) -> str:
@@ -66,6 +71,7 @@ def figures(
         **{f"suite_{k}" if k == "objects" else k: v for k, v in settings.items()},
         "policy": policy,
         "weights_sha256": file_sha256(path),
+        "quality_sha256": quality_sha256(load_network(path)[0]),
         "command": command,
         "commit": source_commit(),
     }

@@ -35,7 +35,12 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.benchmark.report import source_commit, write_report
     from neugrasp_ros.datagen.shards import load_shards
     from neugrasp_ros.errors import ConfigError
-    from neugrasp_ros.model import default_weights, file_sha256, load_network
+    from neugrasp_ros.model import (
+        default_weights,
+        file_sha256,
+        load_network,
+        quality_sha256,
+    )
     from neugrasp_ros.pipeline import use_threads
     from neugrasp_ros.training.evaluation import report, score_scene
 
@@ -64,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
         "seed": args.seed,
         "views_per_scene": args.views,
         "weights_sha256": file_sha256(weights),
+        "quality_sha256": quality_sha256(network),
     }
     if args.json:
         write_report(args.json, figures)

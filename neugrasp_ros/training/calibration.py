@@ -21,7 +21,11 @@ MIN_EXAMPLES = 10  # of either kind; with fewer a class keeps its raw probabilit
 
 
 def calibrate(
-    network: GraspNetwork, folder: Path, tune: Sequence[SceneLabels]
+    network: GraspNetwork,
+    folder: Path,
+    tune: Sequence[SceneLabels],
+    *,
+    quality: bool = True,
 ) -> dict[str, Any]:
     """Fit the calibration on the tuning split and say how good the network is there.
 
@@ -33,17 +37,20 @@ def calibrate(
         network: Gets its calibration.
         folder: The run's; holds the rendered scenes of the split.
         tune: The split.
+        quality: Fit that of the quality too, and not of the affordances alone.
     """
     cache_grasps(tune, network.scene, folder / "tune_grasps", n_views=1, seed=1)
     entries = GraspCache(folder / "tune_grasps").entries
     classes = network.config.affordances
-    network.calibration.copy_(torch.tensor([1.0, 0.0]))
+    if quality:
+        network.calibration.copy_(torch.tensor([1.0, 0.0]))
     if classes:
         same = torch.tensor([1.0, 0.0]).repeat(len(classes), 1)
         network.affordance_calibration.copy_(same)
     raw = predict(network, entries)
-    fitted = platt_scaling(raw.quality[raw.judged], raw.labels[raw.judged])
-    network.calibration.copy_(torch.tensor(fitted))
+    if quality:
+        fitted = platt_scaling(raw.quality[raw.judged], raw.labels[raw.judged])
+        network.calibration.copy_(torch.tensor(fitted))
     for column in range(len(classes)):
         afforded = raw.afforded[raw.known, column]
         if min(afforded.sum(), (1 - afforded).sum()) < MIN_EXAMPLES:

@@ -149,7 +149,8 @@ def _finish(
     card: dict[str, Any] = {"stages": [asdict(stage) for stage in run.stages]}
     if run.start is not None:
         card["start"] = file_sha256(run.start)
-    card |= calibrate(network, run.folder, tune)
+    learned = {stage.stage for stage in run.stages} != {"context"}
+    card |= calibrate(network, run.folder, tune, quality=learned or run.start is None)
     card["scenes"] = len(scenes)
     card["labels"] = int(sum(s.grasps.judged().sum() for s in scenes))
     card["grasps"] = sum(len(s.grasps) for s in scenes)

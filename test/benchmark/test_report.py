@@ -4,9 +4,12 @@
 import json
 from pathlib import Path
 
+from diamond import SMALL_NETWORK
+
 from neugrasp_ros.benchmark.protocol import Suite
 from neugrasp_ros.benchmark.records import AttemptRecord, RoundRecord
 from neugrasp_ros.benchmark.report import figures, say, write_report
+from neugrasp_ros.model import GraspNetwork, save_network
 
 
 def _round(index: int, reasons: tuple[str, ...]) -> RoundRecord:
@@ -39,7 +42,7 @@ def _round(index: int, reasons: tuple[str, ...]) -> RoundRecord:
 
 def test_figures_count_name_and_hide(tmp_path: Path) -> None:
     weights = tmp_path / "some.safetensors"
-    weights.write_bytes(b"weights")
+    save_network(GraspNetwork(SMALL_NETWORK), weights)
     rounds = [_round(0, ("", "empty")), _round(1, ("", ""))]
     suite = Suite(objects="/secret/place/pile_train", seed=7)
     command = "neugrasp bench --objects /secret/place/pile_train --seed 7"
@@ -49,7 +52,7 @@ def test_figures_count_name_and_hide(tmp_path: Path) -> None:
     assert result["dr"] == 50.0
     assert result["attempts"] == 4
     assert result["seed"] == 7
-    assert len(result["weights_sha256"]) == 64
+    assert len(result["weights_sha256"]) == len(result["quality_sha256"]) == 64
     assert "secret" not in json.dumps(result)
 
     path = tmp_path / "results" / "x.json"

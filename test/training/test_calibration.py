@@ -46,3 +46,9 @@ def test_calibration_brings_means_to_their_rates_and_says_how_good_it_is(rendere
     assert scores.quality.mean() == pytest.approx(scores.labels.mean(), abs=0.02)
     pour = scores.affordances[scores.known, 1].mean()
     assert pour == pytest.approx(scores.afforded[scores.known, 1].mean(), abs=0.02)
+    was = network.calibration.clone()
+    network.calibration[1] += 0.5
+    network.affordance_calibration[1] = same
+    calibrate(network, rendered, [labels], quality=False)
+    assert network.calibration[1] == was[1] + 0.5
+    assert not torch.equal(network.affordance_calibration[1], same)
