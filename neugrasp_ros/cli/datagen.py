@@ -2,7 +2,10 @@
 """``neugrasp datagen``: make scenes and label grasps in them."""
 
 import argparse
+import os
+import sys
 import time
+from pathlib import Path
 
 from neugrasp_ros.cli.counts import require_positive
 
@@ -57,11 +60,15 @@ def add_parser(
     parser.add_argument(
         "--engine", nargs="+", default=["local"], metavar=("local|dask", "ADDRESS")
     )
+    parser.add_argument(
+        "--json", type=Path, help="where counts and rates go, while it runs, too"
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the factory; return 1 if scenes were skipped."""
+    from neugrasp_ros.benchmark.report import source_commit, write_report
     from neugrasp_ros.datagen.candidates import CandidateConfig
     from neugrasp_ros.datagen.factory import Progress, run_factory
     from neugrasp_ros.datagen.jobs import RunPlan
@@ -92,12 +99,20 @@ def run(args: argparse.Namespace) -> int:
         for name in {name for kind in plan.kinds() for name in plan.sets_for(kind)}:
             object_set(name)  # raises before a folder is bound to the plan
     said = 0.0
+    about = {
+        "command": "neugrasp " + " ".join(sys.argv[1:]),
+        "commit": source_commit(),
+        "cores": os.cpu_count(),
+        "seed": args.seed,
+    }
 
     def report(progress: Progress) -> None:
         nonlocal said
         if time.monotonic() - said > REPORT_SECONDS:
             said = time.monotonic()
             print(progress.line(), flush=True)
+            if args.json:
+                write_report(args.json, about | progress.figures())
 
     progress = run_factory(
         plan,
@@ -106,6 +121,8 @@ def run(args: argparse.Namespace) -> int:
         dask_address=address[0] if address else None,
         report=report,
     )
+    if args.json:
+        write_report(args.json, about | progress.figures())
     print(progress.line())
     print("reasons:", progress.reasons)
     for line in progress.skipped:

@@ -69,6 +69,21 @@ class Progress:
             reason = REASONS[code]
             self.reasons[reason] = self.reasons.get(reason, 0) + 1
 
+    def figures(self) -> dict[str, float]:
+        """Return counts and rates since the start, of a run that may still go on."""
+        hours = max(self.seconds, 1e-6) / 3600
+        return {
+            "scenes": self.n_done - self._n_before,
+            "labels": self.n_labels,
+            "trials": self.n_trials,
+            "positive": self.n_positive,
+            "side": self.n_side,
+            "skipped": len(self.skipped),
+            "seconds": round(self.seconds, 1),
+            "trials_per_hour": round(self.n_trials / hours),
+            "labels_per_hour": round(self.n_labels / hours),
+        }
+
     def line(self) -> str:
         """Return rate, shares and the time that is left, in one line."""
         hours = max(self.seconds, 1e-6) / 3600

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import argparse
+import json
 
 import pytest
 
@@ -66,6 +67,26 @@ def test_a_network_chooses_only_when_asked(calls):
     assert (drawn.candidates.n_trials, drawn.candidates.n_collisions) == (9, 50)
     assert shipped.weights == str(default_weights())
     assert given.weights == "w"
+
+
+def test_counts_and_rates_are_written(calls, monkeypatch, tmp_path):
+    written = []
+
+    def half_done(plan, folder, **kwargs):
+        progress = factory.Progress(10, n_done=5, seconds=360.0)
+        progress.n_trials, progress.n_labels = 60, 90
+        kwargs["report"](progress)
+        written.append(json.loads((tmp_path / "f.json").read_text()))
+        progress.n_trials = 120
+        return progress
+
+    monkeypatch.setattr(factory, "run_factory", half_done)
+    args = parse("--out", "d", "--seed", "3", "--json", str(tmp_path / "f.json"))
+    assert args.run(args) == 0
+    written.append(json.loads((tmp_path / "f.json").read_text()))
+    assert [f["trials_per_hour"] for f in written] == [600, 1200]
+    assert [f["labels_per_hour"] for f in written] == [900, 900]
+    assert (written[0]["seed"], written[0]["seconds"]) == (3, 360.0)
 
 
 def test_lost_scenes_are_named_and_change_the_exit_code(calls, capsys):
