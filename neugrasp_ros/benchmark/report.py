@@ -78,6 +78,8 @@ def figures(
 
 
 def write_report(path: Path, result: dict[str, Any]) -> None:
-    """Write figures as JSON, one key a line."""
+    """Write figures as JSON, one key a line; the file appears only when it is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n")
+    part = path.with_name(path.name + ".part")
+    part.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n")
+    os.replace(part, path)

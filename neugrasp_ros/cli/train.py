@@ -29,8 +29,9 @@ def add_parser(
         "--weights", type=Path, help="default: OUT/neugrasp.safetensors"
     )
     parser.add_argument(
-        "--start", type=Path, help="weights to begin with; heads they lack are new"
-    )
+        "--start", type=Path,
+        help="weights to begin with; heads they lack are new, a context stays",
+    )  # fmt: skip
     parser.add_argument(
         "--network", choices=("cpu", "paper"),
         help="size; default that of --start, or cpu. Weights of another scene encoder "
@@ -38,7 +39,8 @@ def add_parser(
     )  # fmt: skip
     parser.add_argument(
         "--steps",
-        help="steps of the stages, such as occupancy=3600,joint=600; 0 skips one",
+        help="steps of the stages occupancy, quality, joint and context, such as "
+        "occupancy=3600,joint=600; 0 skips one",
     )
     parser.add_argument(
         "--local-view", default="rendered", choices=("rendered", "grid", "centre"),
@@ -108,8 +110,9 @@ def _shape(
     started = load_network(args.start)[0].config if args.start else None
     named = PAPER_NETWORK if args.network == "paper" else CPU_NETWORK
     shape = named if args.network or started is None else started
-    wanted = any(s.stage == "context" for s in stages) or (started and started.context)
-    context = CONTEXT if wanted and args.local_view == "rendered" else 0
+    before = started.context if started else 0
+    taught = CONTEXT if any(s.stage == "context" for s in stages) else 0
+    context = (before or taught) if args.local_view == "rendered" else 0
     return replace(
         shape,
         affordances=AFFORDANCE_NAMES,
@@ -125,14 +128,22 @@ def _stages(args: argparse.Namespace) -> "tuple[TrainConfig, ...]":
     from neugrasp_ros.training.run import DEFAULT_STAGES
 
     known = {stage.stage: stage for stage in DEFAULT_STAGES}
-    steps = dict(item.split("=") for item in (args.steps or "").split(",") if item)
+    try:
+        pairs = (item.split("=") for item in (args.steps or "").split(",") if item)
+        steps = {name: int(count) for name, count in pairs}
+    except ValueError as error:
+        raise ConfigError(
+            f"--steps: expected STAGE=COUNT,.., got {args.steps!r}"
+        ) from error
     unknown = set(steps) - set(known)
     if unknown:
-        raise ConfigError(f"--steps: unknown stages {sorted(unknown)}")
+        raise ConfigError(
+            f"--steps: unknown stages {sorted(unknown)}, expected some of {list(known)}"
+        )
     changes = {} if args.w_aff is None else {"w_affordance": args.w_aff}
     stages = []
     for name, stage in known.items():
-        count = int(steps.get(name, stage.steps))
+        count = steps.get(name, stage.steps)
         if count:
             stages.append(replace(stage, seed=args.seed, steps=count, **changes))
     if not stages:

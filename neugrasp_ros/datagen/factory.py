@@ -73,6 +73,8 @@ class Progress:
         """Return counts and rates since the start, of a run that may still go on."""
         hours = max(self.seconds, 1e-6) / 3600
         return {
+            "scenes_of_plan": self.n_scenes,
+            "scenes_before": self._n_before,
             "scenes": self.n_done - self._n_before,
             "labels": self.n_labels,
             "trials": self.n_trials,

@@ -51,7 +51,7 @@ REPORT_SECONDS = 15.0
 LOCAL_NOISE = 0.003  # [m], spread of the points of the local occupancy loss
 NOT_KNOWN = 255  # of an affordance
 COLLISION_SHARE = 0.25  # of grasps that collide at once, to the others of a scene
-LEAST_COLLISIONS = 12
+LEAST_COLLISIONS = 12  # that stay anyway: what a scene had before there could be more
 PART_REACH = 0.008  # [m], how far from a part a point may be and still be its
 
 
@@ -248,6 +248,7 @@ def cache_grasps(
     *,
     n_views: int,
     seed: int,
+    few_collisions: bool = False,
     workers: int = 1,
 ) -> int:
     """Look at labelled scenes from several sides and keep what is seen.
@@ -261,6 +262,7 @@ def cache_grasps(
         folder: Where the entries go.
         n_views: Views per scene.
         seed: Seed of views and noise, together with the scene's number.
+        few_collisions: See each scene ``with_few_collisions``.
         workers: Processes; 1 stays in this one. What is seen does not depend on it.
 
     Returns:
@@ -273,7 +275,10 @@ def cache_grasps(
         if len(labels.grasps)
         and not all(_view_path(folder, labels, n).exists() for n in range(n_views))
     ]
-    look = partial(_look_at, network=network, folder=folder, n_views=n_views, seed=seed)
+    look = partial(
+        _look_at, network=network, folder=folder, n_views=n_views, seed=seed,
+        few_collisions=few_collisions,
+    )  # fmt: skip
     if workers <= 1:
         return sum(_reported(map(look, todo), len(todo)))
     with process_pool(workers) as pool:
@@ -298,6 +303,7 @@ def _look_at(
     folder: Path,
     n_views: int,
     seed: int,
+    few_collisions: bool,
 ) -> int:
     """Keep the views of one scene that are missing; return how many were added."""
     added = 0
@@ -307,7 +313,7 @@ def _look_at(
             continue
         rng = np.random.default_rng([seed, labels.index, view])
         camera = labels.T_task_camera if view == 0 else None
-        shown = with_few_collisions(labels, rng)
+        shown = with_few_collisions(labels, rng) if few_collisions else labels
         entry = view_grasps(shown, network, rng, camera=camera)
         if entry is not None:
             save_grasps(entry, path)
@@ -319,20 +325,23 @@ def with_few_collisions(labels: SceneLabels, rng: np.random.Generator) -> SceneL
     """Leave out grasps that collide at once where a scene has many of them.
 
     They are cheap to label and quick to learn; grasps are drawn evenly from a scene,
-    so what physics told of the others would be seen less often.
+    so what physics told of the others would be seen less often. Those that teach the
+    affordances stay, and all of a scene without physics.
 
     Args:
         labels: A labelled scene; returned as it is if it has few of them.
         rng: Draws which ones stay.
     """
     grasps = labels.grasps
-    collide = np.flatnonzero(grasps.judged() & ~grasps.tried)
-    others = len(grasps) - len(collide)
+    if not grasps.tried.any():
+        return labels
+    collide = grasps.judged() & ~grasps.tried & ~known_affordances(labels)
+    others = len(grasps) - int(collide.sum())
     most = max(LEAST_COLLISIONS, round(COLLISION_SHARE * others))
-    if len(collide) <= most:
+    if collide.sum() <= most:
         return labels
     kept = np.ones(len(grasps), dtype=bool)
-    kept[rng.permutation(collide)[most:]] = False
+    kept[rng.permutation(np.flatnonzero(collide))[most:]] = False
     return replace(labels, grasps=grasps.take(kept))
 
 

@@ -66,16 +66,16 @@ def grasp_losses(
 
     The affordance head of a network with context learns in the context's own stage.
     """
-    affordances = network.config.affordances and network.context is None
-    if affordances:
+    losses = {}
+    if network.context is None:
         quality, affordance = grasp_logits(network, planes, batch)
-        loss = affordance_loss(affordance, batch.affordances, batch.known)
-        losses = {"affordance": config.w_affordance * loss}
+        if network.config.affordances:
+            loss = affordance_loss(affordance, batch.affordances, batch.known)
+            losses["affordance"] = config.w_affordance * loss
     else:
         detector: Any = network.detector
         features = point_plane_features(network, planes, batch)
         quality = detector.quality_alone(batch.point_features, batch.tokens, features)
-        losses = {}
     entropy = known_entropy(quality, batch.labels, batch.judged)
     return {"quality": config.w_quality * entropy, **losses}
 

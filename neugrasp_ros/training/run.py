@@ -171,10 +171,20 @@ def _new_network(run: TrainingRun, scenes: Sequence[SceneLabels]) -> GraspNetwor
         LOGGER.info("no scene has affordance labels: the heads are left out")
         config = replace(config, affordances=(), part_head=False, context=0)
     network = GraspNetwork(config)
+    stages = {stage.stage for stage in run.stages}
+    if stages == {"context"} and not config.context:
+        raise ConfigError(
+            "the stage 'context' alone teaches a network without context nothing"
+        )
+    if config.context and "context" not in stages:
+        LOGGER.warning(
+            "the affordance head stays as it is while what it reads may change: teach "
+            "it afterwards with the stage 'context'"
+        )
     if run.start is not None:
         fresh = warm_start(network, run.start)
         LOGGER.info("began with %s; new: %s", run.start, ", ".join(fresh) or "nothing")
-        learned = {stage.stage for stage in run.stages} & {"occupancy", "joint"}
+        learned = stages & {"occupancy", "joint"}
         if any(key.startswith(ENCODER) for key in fresh) and not learned:
             raise ConfigError(
                 f"{run.start} has another scene encoder: the new one needs the stage "
@@ -202,27 +212,38 @@ def train_stage(
         workers: Processes that look at grasps.
         keep: Folder of small copies of the state, see ``optimise``.
     """
-    device = training_device(config)
     network.train()
-    out = folder / config.stage
-    if config.stage == "occupancy":
-        network.to(device)
-        stage = OccupancyStage(network.scene, SceneCache(folder / "scenes"), config)
-        optimise(network.scene, stage, config, out, keep)
-        return
-    network.eval()
-    with first_on_machine() as mine:
-        if mine:
-            cache_grasps(
-                scenes, network.scene, folder / "grasps",
-                n_views=GRASP_VIEWS_PER_SCENE, seed=config.seed, workers=workers,
-            )  # fmt: skip
+    try:
+        if config.stage == "occupancy":
+            network.to(training_device(config))
+            cache = SceneCache(folder / "scenes")
+            stage = OccupancyStage(network.scene, cache, config)
+            optimise(network.scene, stage, config, folder / config.stage, keep)
+        else:
+            network.eval()
+            with first_on_machine() as mine:
+                if mine:
+                    cache_grasps(
+                        scenes, network.scene, folder / "grasps", few_collisions=True,
+                        n_views=GRASP_VIEWS_PER_SCENE, seed=config.seed,
+                        workers=workers,
+                    )  # fmt: skip
+            _teach_grasps(network, config, folder, keep)
+    finally:
+        network.requires_grad_(True)
+
+
+def _teach_grasps(
+    network: GraspNetwork, config: TrainConfig, folder: Path, keep: Path | None
+) -> None:
+    """Run a stage that learns from cached grasps; it freezes what it does not teach."""
     grasps = GraspCache(folder / "grasps")
-    network.train().to(device)
-    if network.context is not None:  # it learns in its own stage, with its head
+    network.train().to(training_device(config))
+    if network.context is not None and config.stage != "context":
         detector: Any = network.detector
         for part in (network.context, detector.affordance):
             part.eval().requires_grad_(False)
+    out = folder / config.stage
     if config.stage == "quality":
         network.scene.eval()  # with its running statistics, as when it is used
         quality = QualityStage(network, grasps, config)
@@ -231,10 +252,7 @@ def train_stage(
     rendered = SceneCache(folder / "scenes")
     if config.stage == "context":
         context = ContextStage(network, grasps, rendered, config)
-        try:
-            optimise(network, context, config, out, keep)
-        finally:
-            network.requires_grad_(True)
+        optimise(network, context, config, out, keep)
         return
     occupancy = OccupancyStage(network.scene, rendered, config)
     joint = JointStage(network, grasps, config, occupancy)

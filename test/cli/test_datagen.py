@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import argparse
 import json
+import sys
 
 import pytest
 
@@ -69,11 +70,24 @@ def test_a_network_chooses_only_when_asked(calls):
     assert given.weights == "w"
 
 
+@pytest.mark.parametrize("words", [("--collisions", "-1"), ("--chosen",)])
+def test_collisions_that_make_no_sense_are_refused(calls, words):
+    args = parse("--out", "d", "--collisions", "5", *words)
+    with pytest.raises(ConfigError, match="--collisions: expected 0 or more"):
+        args.run(args)
+    assert not calls
+    none = parse("--out", "d", "--collisions", "0")
+    assert none.run(none) == 0
+    assert calls[0][0].candidates.n_collisions == 0
+
+
 def test_counts_and_rates_are_written(calls, monkeypatch, tmp_path):
     written = []
+    words = ["neugrasp", "datagen", "--objects", "pile:/secret/a,b", "--out", "runs/x"]
+    monkeypatch.setattr(sys, "argv", words)
 
     def half_done(plan, folder, **kwargs):
-        progress = factory.Progress(10, n_done=5, seconds=360.0)
+        progress = factory.Progress(10, n_done=5, seconds=360.0, _n_before=2)
         progress.n_trials, progress.n_labels = 60, 90
         kwargs["report"](progress)
         written.append(json.loads((tmp_path / "f.json").read_text()))
@@ -87,6 +101,11 @@ def test_counts_and_rates_are_written(calls, monkeypatch, tmp_path):
     assert [f["trials_per_hour"] for f in written] == [600, 1200]
     assert [f["labels_per_hour"] for f in written] == [900, 900]
     assert (written[0]["seed"], written[0]["seconds"]) == (3, 360.0)
+    counts = [written[1][key] for key in ("scenes_of_plan", "scenes_before", "scenes")]
+    assert counts == [10, 2, 3]
+    assert (
+        written[1]["command"] == "neugrasp datagen --objects pile:$DIR/a,b --out runs/x"
+    )
 
 
 def test_lost_scenes_are_named_and_change_the_exit_code(calls, capsys):

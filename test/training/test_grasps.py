@@ -187,13 +187,19 @@ def test_the_view_in_which_grasps_were_chosen_is_seen_first(network, tmp_path):
     assert wrong[0].mean() < 0.02 < wrong[1].mean()
 
 
-def test_many_collisions_do_not_crowd_out_what_physics_told():
+@pytest.fixture
+def crowded():
+    """60 tried grasps, then 40 that collide at once, told apart by their openings."""
     scene = labels_of(*[TOP] * 100)
     tried = np.arange(100) < 60
     reasons = np.where(tried, 0, REASONS.index("pregrasp_collision")).astype(np.uint8)
     openings = np.linspace(0.04, 0.08, 100, dtype=np.float32)
     grasps = replace(scene.grasps, tried=tried, reasons=reasons, openings=openings)
-    crowded = replace(scene, grasps=grasps)
+    return replace(scene, grasps=grasps)
+
+
+def test_many_collisions_do_not_crowd_out_what_physics_told(crowded):
+    openings = crowded.grasps.openings
     draws = [
         with_few_collisions(crowded, np.random.default_rng(n)).grasps for n in (0, 1)
     ]
@@ -201,17 +207,36 @@ def test_many_collisions_do_not_crowd_out_what_physics_told():
         np.testing.assert_array_equal(kept.openings[kept.tried], openings[:60])
         assert (~kept.tried).sum() == 15
     assert not np.array_equal(draws[0].openings, draws[1].openings)
-    few = replace(scene, grasps=grasps.take(np.arange(100) < 72))
+    few = replace(crowded, grasps=crowded.grasps.take(np.arange(100) < 72))
     assert with_few_collisions(few, np.random.default_rng(0)) is few
 
 
-def test_untried_grasps_of_scenes_without_physics_all_stay():
-    scene = labels_of(*[TOP] * 40)
-    reasons = np.full(40, REASONS.index("not_tried"), dtype=np.uint8)
-    reasons[30:] = REASONS.index("pregrasp_collision")
-    grasps = replace(scene.grasps, tried=np.zeros(40, dtype=bool), reasons=reasons)
-    untried = replace(scene, grasps=grasps)
+def test_collisions_that_teach_affordances_stay(crowded):
+    affordances = np.zeros((100, 7), dtype=np.uint8)
+    affordances[80:, 2] = 1
+    grasps = replace(crowded.grasps, affordances=affordances)
+    kept = with_few_collisions(
+        replace(crowded, grasps=grasps), np.random.default_rng(0)
+    ).grasps
+    assert kept.affordances.any(axis=1).sum() == 20
+    assert len(kept) == 60 + 20 + 20
+
+
+def test_scenes_without_physics_keep_all(crowded):
+    grasps = replace(crowded.grasps, tried=np.zeros(100, dtype=bool))
+    untried = replace(crowded, grasps=grasps)
     assert with_few_collisions(untried, np.random.default_rng(0)) is untried
+
+
+def test_collisions_are_left_out_of_a_cache_only_when_asked(crowded, network, tmp_path):
+    counts = []
+    for few in (False, True):
+        folder = tmp_path / str(few)
+        settings = {"n_views": 1, "seed": 5, "few_collisions": few}
+        assert cache_grasps([crowded], network, folder, **settings) == 1
+        (entry,) = map(load_grasps, folder.glob("*.npz"))
+        counts.append(len(entry.labels))
+    assert counts == [100, 75]
 
 
 def test_a_scene_is_rendered_for_the_first_stage():

@@ -16,6 +16,7 @@ from neugrasp_ros.training.cache import load_entry
 from neugrasp_ros.training.run import (
     DEFAULT_STAGES,
     TrainingRun,
+    _finish,
     _new_network,
     render_scenes,
     train_stage,
@@ -103,6 +104,7 @@ def test_points_on_labelled_objects_are_rendered_with_a_scene(tmp_path):
     ("stage", "trained"),
     [
         ("quality", ("detector.read.", "detector.quality.")),
+        ("joint", ("scene.", "detector.read.", "detector.quality.")),
         ("context", ("context.", "detector.affordance.")),
     ],
 )
@@ -117,9 +119,7 @@ def test_a_stage_leaves_the_rest_of_a_network_with_context(
     changed = {k for k, v in network.state_dict().items() if (v != before[k]).any()}
     assert changed
     assert all(key.startswith(trained) for key in changed)
-    affordances = ("context.", "detector.affordance.")
-    others = [p for n, p in network.named_parameters() if not n.startswith(affordances)]
-    assert all(p.requires_grad for p in others)
+    assert all(p.requires_grad for p in network.parameters())
 
 
 def test_the_quality_stage_trains_the_detector_alone(network, tmp_path):
@@ -151,3 +151,37 @@ def test_a_new_encoder_needs_a_stage_that_teaches_it(tmp_path):
         _new_network(run, [known])
     taught = replace(run, stages=(TrainConfig(stage="joint"), *run.stages))
     assert _new_network(taught, [known]).config.unet == "residual"
+
+
+def test_a_context_stage_without_a_context_is_refused(tmp_path):
+    run = TrainingRun(
+        train=(), tune=tmp_path, folder=tmp_path, weights=tmp_path / "w",
+        network=SMALL_NETWORK, stages=(TrainConfig(stage="context", steps=1),),
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match="teaches a network without context nothing"):
+        _new_network(run, [])
+
+
+@pytest.mark.parametrize(
+    ("stages", "started", "fitted"),
+    [(("context",), True, False), (("context",), False, True),
+     (("joint", "context"), True, True)],
+)  # fmt: skip
+def test_the_context_alone_leaves_the_calibration_of_the_quality(
+    monkeypatch, tmp_path, stages, started, fitted
+):
+    asked = []
+    monkeypatch.setattr(
+        "neugrasp_ros.training.run.calibrate",
+        lambda *args, quality: asked.append(quality) or {},
+    )
+    start = tmp_path / "start"
+    start.write_bytes(b"a file to be named")
+    run = TrainingRun(
+        train=(), tune=tmp_path, folder=tmp_path, weights=tmp_path / "w",
+        network=SMALL_NETWORK, start=start if started else None,
+        stages=tuple(TrainConfig(stage=name, steps=1) for name in stages),
+    )  # fmt: skip
+    card = _finish(run, GraspNetwork(SMALL_NETWORK), [], [])
+    assert asked == [fitted]
+    assert ("start" in card) == started
