@@ -33,7 +33,7 @@ from sim_bridge.world import World
 FloatArray = NDArray[np.float64]
 
 ROLLING = 1e-3  # [m]; rolling and spinning friction of objects
-SOLVER_ITERATIONS = 50
+SOLVER_ITERATIONS = 50  # with which results/robot_*.json were made
 CONTROL_STEPS = 2  # physics steps between two set points: 120 Hz
 
 

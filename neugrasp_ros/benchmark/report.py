@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import subprocess
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -63,18 +64,20 @@ def figures(
     """
     path = Path(weights) if weights else default_weights()
     settings = {**asdict(suite), "objects": os.path.basename(suite.objects)}
-    hidden = os.path.dirname(suite.objects)
-    if hidden:
-        command = command.replace(hidden, "$OBJECTS")
     return {
         **summarize(rounds, np.random.default_rng(0)),
         **{f"suite_{k}" if k == "objects" else k: v for k, v in settings.items()},
         "policy": policy,
         "weights_sha256": file_sha256(path),
         "quality_sha256": quality_sha256(load_network(path)[0]),
-        "command": command,
+        "command": without_folders(command),
         "commit": source_commit(),
     }
+
+
+def without_folders(command: str) -> str:
+    """Return a command line that names this machine's folders no more."""
+    return re.sub(r"(?<![\w.$-])/[^\s,:]*/", "$DIR/", command)
 
 
 def write_report(path: Path, result: dict[str, Any]) -> None:

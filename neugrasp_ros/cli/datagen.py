@@ -3,7 +3,6 @@
 
 import argparse
 import os
-import re
 import sys
 import time
 from pathlib import Path
@@ -148,11 +147,10 @@ def _plan(args: argparse.Namespace) -> "tuple[RunPlan, str | None]":
 
 def _about(args: argparse.Namespace) -> dict[str, Any]:
     """Return what a reader of the figures needs to repeat them, without folders."""
-    from neugrasp_ros.benchmark.report import source_commit
+    from neugrasp_ros.benchmark.report import source_commit, without_folders
 
-    words = " ".join(sys.argv[1:])
     return {
-        "command": "neugrasp " + re.sub(r"(?<![\w.$-])/[^\s,:]*/", "$DIR/", words),
+        "command": without_folders("neugrasp " + " ".join(sys.argv[1:])),
         "commit": source_commit(),
         "cores": os.cpu_count(),
         "workers": args.workers,

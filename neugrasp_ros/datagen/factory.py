@@ -88,19 +88,19 @@ class Progress:
 
     def line(self) -> str:
         """Return rate, shares and the time that is left, in one line."""
-        hours = max(self.seconds, 1e-6) / 3600
+        rates = self.figures()
         new = self.n_done - self._n_before
         left = self.n_scenes - self.n_done - len(self.skipped)
         eta = left * self.seconds / 60 / max(new, 1)
         labels = max(self.n_labels, 1)
         trials = (
-            f"{self.n_trials} trials ({self.n_trials / hours:.0f}/h), "
+            f"{self.n_trials} trials ({rates['trials_per_hour']}/h), "
             f"{100 * self.n_positive / max(self.n_trials, 1):.1f} % of trials and "
             f"{100 * self.n_positive / labels:.1f} % of labels positive, "
         )
         return (
             f"{self.n_done}/{self.n_scenes} scenes, {self.n_labels} labels "
-            f"({self.n_labels / hours:.0f}/h), {trials if self.n_trials else ''}"
+            f"({rates['labels_per_hour']}/h), {trials if self.n_trials else ''}"
             f"{100 * self.n_side / labels:.1f} % side, "
             f"{len(self.skipped)} skipped, ETA {eta:.0f} min"
         )
