@@ -23,7 +23,7 @@ WAYPOINT_SPACING = 0.002  # [m]
 STEPS_PER_WAYPOINT = 4  # nominally 0.10 m/s
 SIDE_ANGLE = np.pi / 3  # an approach flatter than this retreats straight up
 RUN_UP = 4  # waypoints before the first contact at which a short cut starts to move
-PUSHING_ITERATIONS = 120  # between speed and the full execution: `neugrasp agreement`
+PUSHING_ITERATIONS = 150  # between speed and the full execution: `neugrasp agreement`
 LOOKS_APART = 5  # waypoints between two looks whether the object is lost
 
 

@@ -30,7 +30,7 @@ REST_NORM = 0.01  # stacked linear and angular velocity, [m/s] and [rad/s]
 REST_CHECK_STEPS = 60  # a quarter of a second between two looks
 
 OBJECT_FLAGS = pybullet.URDF_USE_IMPLICIT_CYLINDER
-FAST_ITERATIONS = 65  # of labels: see `neugrasp agreement`
+FAST_ITERATIONS = 80  # of labels: see `neugrasp agreement`
 BENCHMARK_ITERATIONS = 150
 
 
