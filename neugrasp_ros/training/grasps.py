@@ -262,7 +262,8 @@ def cache_grasps(
         folder: Where the entries go.
         n_views: Views per scene.
         seed: Seed of views and noise, together with the scene's number.
-        few_collisions: See each scene ``with_few_collisions``.
+        few_collisions: See each scene ``with_few_collisions``, and no scene of which
+            only collisions are known.
         workers: Processes; 1 stays in this one. What is seen does not depend on it.
 
     Returns:
@@ -273,6 +274,7 @@ def cache_grasps(
         labels
         for labels in scenes
         if len(labels.grasps)
+        and not (few_collisions and _only_collisions(labels))
         and not all(_view_path(folder, labels, n).exists() for n in range(n_views))
     ]
     look = partial(
@@ -319,6 +321,10 @@ def _look_at(
             save_grasps(entry, path)
             added += 1
     return added
+
+
+def _only_collisions(labels: SceneLabels) -> bool:
+    return not (labels.grasps.tried.any() or known_affordances(labels).any())
 
 
 def with_few_collisions(labels: SceneLabels, rng: np.random.Generator) -> SceneLabels:

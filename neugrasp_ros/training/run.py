@@ -80,8 +80,8 @@ DEFAULT_STAGES = (
         stage="quality", steps=3000, scenes_per_step=8, learning_rate=2e-3
     ),
     TrainConfig(
-        stage="joint", steps=1500, scenes_per_step=4, learning_rate=5e-4,
-        constant_share=0.4,
+        stage="joint", steps=1500, grasps_per_scene=16, learning_rate=5e-4,
+        constant_share=0.4, w_occupancy=4.0,
     ),
     TrainConfig(
         stage="context", steps=12_000, scenes_per_step=4, grasps_per_scene=16,

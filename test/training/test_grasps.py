@@ -239,6 +239,16 @@ def test_collisions_are_left_out_of_a_cache_only_when_asked(crowded, network, tm
     assert counts == [100, 75]
 
 
+def test_a_scene_of_collisions_alone_is_not_learned_from(crowded, network, tmp_path):
+    grasps = crowded.grasps.take(np.arange(100) >= 60)
+    alone = replace(crowded, grasps=grasps)
+    for few, entries in ((False, 1), (True, 0)):
+        settings = {"n_views": 1, "seed": 5, "few_collisions": few}
+        assert cache_grasps([alone], network, tmp_path, **settings) == entries
+        for path in tmp_path.glob("*.npz"):
+            path.unlink()
+
+
 def test_a_scene_is_rendered_for_the_first_stage():
     scene = labels_of(TOP).scene
     first, second = (
