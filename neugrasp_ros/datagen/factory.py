@@ -24,6 +24,7 @@ from neugrasp_ros.datagen.pool import Outcome, run_dask, run_local
 from neugrasp_ros.datagen.shards import done_indices, next_shard_path, write_shard
 from neugrasp_ros.errors import ConfigError, ShardError
 from neugrasp_ros.model import file_sha256
+from sim_bridge.trial import trial_config
 
 SHARD_SCENES = 100  # about 200 kB, rewritten whenever a scene is added
 PLAN_FILE = "plan.json"
@@ -191,9 +192,10 @@ def _skip(outcome: Outcome, folder: Path, progress: Progress) -> None:
 
 
 def _check_plan(plan: RunPlan, folder: Path) -> None:
-    """Keep the plan beside the shards; a folder holds one plan, of any length."""
+    """Keep the plan, and how grasps are tried, beside the shards: one for all."""
     path = folder / PLAN_FILE
-    record = json.loads(json.dumps(asdict(plan)))
+    trials = {name: asdict(trial_config(name)) for name in plan.presets()}
+    record = json.loads(json.dumps({**asdict(plan), "trials": trials}))
     if plan.weights:  # what is in the file, wherever it lies
         record["weights"] = file_sha256(Path(plan.weights))
     if path.is_file():
@@ -203,6 +205,7 @@ def _check_plan(plan: RunPlan, folder: Path) -> None:
             for item in fields(RunPlan)
             if item.default is not MISSING
         }
+        missing["trials"] = record["trials"]  # plans once did not say
         before = missing | before
         changed = {
             key: (before.get(key), value)

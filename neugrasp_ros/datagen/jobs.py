@@ -105,9 +105,14 @@ class RunPlan:
         )
 
     def _preset(self, u: float) -> str:
-        if not self.physics:
+        presets = self.presets()
+        if not presets:
             return WITHOUT_PHYSICS
-        return "fast_shake" if u < self.shake_share else "fast"
+        return presets[0] if u < self.shake_share else presets[1]
+
+    def presets(self) -> tuple[str, ...]:
+        """Return the trials that scenes get: with a shake, and without."""
+        return ("fast_shake", "fast") if self.physics else ()
 
     def jobs(self, done: Sequence[int] | set[int] = ()) -> list[SceneJob]:
         """Return the jobs of all scenes but those that are done."""

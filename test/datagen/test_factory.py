@@ -16,6 +16,7 @@ from neugrasp_ros.datagen.factory import run_factory
 from neugrasp_ros.datagen.jobs import RunPlan
 from neugrasp_ros.datagen.shards import done_indices, load_shards, shard_paths
 from neugrasp_ros.errors import ConfigError, ShardError
+from sim_bridge.trial import TRIAL_PRESETS
 
 
 def plan(n_scenes=5, seed=0):
@@ -127,6 +128,14 @@ def test_an_older_plan_without_a_field_had_its_default(tmp_path):
     chosen = replace(plan(1), weights=str(weights))
     with pytest.raises(ConfigError, match="begun with another plan.*weights"):
         run_factory(chosen, tmp_path, n_workers=0, work=label_or_fail)
+
+
+def test_a_folder_holds_trials_of_one_kind(tmp_path, monkeypatch):
+    run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
+    fewer = replace(TRIAL_PRESETS["fast"], solver_iterations=7)
+    monkeypatch.setitem(TRIAL_PRESETS, "fast", fewer)
+    with pytest.raises(ConfigError, match="begun with another plan.*'trials'"):
+        run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
 
 
 def test_weights_are_known_by_what_is_in_them(tmp_path):
