@@ -188,6 +188,10 @@ class PlannerConfig(Checked):
         "that with the compiled decoder, where something may be",
         choices=("fast", "reference", "compiled_reference"),
     )
+    scene_render: bool = option(
+        True,
+        "Sample grasps on the completed surface; off, an ablation, on what was seen",
+    )
     cube_overlap: float = option(
         0.1, "What the cubes of a large workspace share at least [m]", 0.0, 0.25
     )

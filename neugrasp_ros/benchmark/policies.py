@@ -44,6 +44,11 @@ def reference_policy(config: PlannerConfig) -> Policy:
     return neugrasp_policy(replace(config, renderer="compiled_reference"))
 
 
+def no_scene_render_policy(config: PlannerConfig) -> Policy:
+    """Return the network's policy with candidates on what was seen alone."""
+    return neugrasp_policy(replace(config, scene_render=False))
+
+
 def scored_policy(config: PlannerConfig) -> Policy:
     """Return the policy that answers every candidate with its scores, unranked."""
     planning = Planning(config)
@@ -91,6 +96,7 @@ def make_policy(name: str, config: PlannerConfig) -> Policy:
     makers: dict[str, Callable[[PlannerConfig], Policy]] = {
         "neugrasp": neugrasp_policy,
         "reference": reference_policy,
+        "no_scene_render": no_scene_render_policy,
         "seams": seams_policy,
         "random": random_policy,
         "geometry": geometry_policy,

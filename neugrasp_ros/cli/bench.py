@@ -38,7 +38,8 @@ def add_parser(
     add(
         "--policy", default="neugrasp", metavar="NAME",
         help="neugrasp; reference, the same with the paper's renderers; seams, with "
-        "the scene where four cubes meet; the floors random and geometry; or "
+        "the scene where four cubes meet; no_scene_render, with candidates on what was "
+        "seen alone; the floors random and geometry; or "
         "oracle_sampling, oracle_local, oracle_surface, which are told the true "
         "surface",
     )  # fmt: skip

@@ -28,6 +28,7 @@ from neugrasp_ros.pipeline.scenes import (
     RenderedScene,
     encode_scene,
     same_volume,
+    seen_scene,
 )
 from neugrasp_ros.scene.reference import NetworkOccupancy, render_reference
 from neugrasp_ros.scene.rendering import render_surface, trace_surface
@@ -218,7 +219,7 @@ class GraspPlanner:
         max_candidates: int = 0,
         seed: int = 0,
     ) -> GraspSet:
-        """Sample candidates on the completed surface.
+        """Sample candidates on the completed surface, or ``seen_scene``.
 
         Args:
             scene: The scene.
@@ -233,7 +234,10 @@ class GraspPlanner:
             Candidates, not scored; none if there is no surface. All approach with the
             jaws fully open, as the network learned it.
         """
-        surface = self.render(scene)
+        if self.config.scene_render:
+            surface = self.render(scene)
+        else:
+            surface = seen_scene(scene.volume, support_height, self.config.render)
         with self._lock:
             self.timings.pop("sampling", None)
             with self._timed("sampling"):

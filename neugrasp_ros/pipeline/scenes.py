@@ -9,8 +9,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from neugrasp_ros.config import RenderConfig
 from neugrasp_ros.errors import ConfigError, EmptySceneError, ShapeError
-from neugrasp_ros.fusion.tsdf import TsdfVolume
+from neugrasp_ros.fusion.tsdf import TsdfVolume, seen_surface
 from neugrasp_ros.geometry.grid import ScalarGrid
 from neugrasp_ros.geometry.support import ABOVE_SUPPORT
 from neugrasp_ros.scene.cubes import (
@@ -32,6 +33,7 @@ from neugrasp_ros.scene.field import (
 )
 from neugrasp_ros.scene.network import SceneNetwork
 from neugrasp_ros.scene.reference import NetworkOccupancy, dense_field
+from neugrasp_ros.scene.rendering import thinned
 from neugrasp_ros.scene.workers import shared
 
 FloatArray = NDArray[np.float64]
@@ -144,6 +146,28 @@ class RenderedScene:
 
     points: FloatArray
     normals: FloatArray
+
+
+def seen_scene(
+    volume: TsdfVolume, support_height: float | None, render: RenderConfig
+) -> RenderedScene:
+    """Return what was seen of the objects, for who is to do without completion.
+
+    Args:
+        volume: A volume with at least one view.
+        support_height: Height of the support plane in the task frame in [m], which is
+            left out; None = there is none.
+        render: Says how dense a rendered surface is.
+
+    Raises:
+        EmptySceneError: If no image was integrated.
+    """
+    points, normals = seen_surface(volume)
+    if support_height is not None:
+        above = points[:, 2] > support_height + ABOVE_SUPPORT
+        points, normals = points[above], normals[above]
+    rows = thinned(points, render.point_spacing)
+    return RenderedScene(points[rows], normals[rows])
 
 
 def check_volume(volume: TsdfVolume, size: int) -> None:

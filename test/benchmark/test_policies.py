@@ -14,7 +14,7 @@ from neugrasp_ros.grasp.types import GraspSet
 
 def test_unknown_policy_is_refused_with_the_known_ones() -> None:
     with pytest.raises(
-        UnknownNameError, match="geometry, neugrasp, oracle_local, oracle_s"
+        UnknownNameError, match="geometry, neugrasp, no_scene_render, oracle_local"
     ):
         make_policy("best", PlannerConfig())
 
