@@ -190,7 +190,8 @@ class PlannerConfig(Checked):
     )
     scene_render: bool = option(
         True,
-        "Sample grasps on the completed surface; off, an ablation, on what was seen",
+        "Sample grasps on the completed surface; off, an ablation, on what was seen: "
+        "the rendered cloud stays the completed one",
     )
     cube_overlap: float = option(
         0.1, "What the cubes of a large workspace share at least [m]", 0.0, 0.25

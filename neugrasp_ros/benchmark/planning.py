@@ -12,7 +12,11 @@ from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.fusion.tsdf import empty_volume, integrate
 from neugrasp_ros.grasp.ranking import quality_after_failures
 from neugrasp_ros.grasp.types import GraspSet
-from neugrasp_ros.pipeline import EncodedScene, GraspPlanner
+from neugrasp_ros.pipeline import (
+    DEFAULT_SUPPORT_HEIGHT,
+    EncodedScene,
+    GraspPlanner,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -105,6 +109,6 @@ def answer(
         n_candidates=len(candidates),
         classes=planner.affordances,
         candidates=candidates,
-        surface=planner.render(scene).points,
+        surface=planner.surface(scene, DEFAULT_SUPPORT_HEIGHT).points,
         field=scene.field,
     )

@@ -74,7 +74,7 @@ def random_policy(config: PlannerConfig) -> Policy:
 
 
 def geometry_policy(config: PlannerConfig) -> Policy:
-    """Return the floor that takes the best antipodal score on the completed cloud.
+    """Return the floor that takes the best antipodal score on the sampled surface.
 
     The sampler returns its candidates by that score, so the first one is taken.
     """

@@ -15,6 +15,7 @@ import numpy as np
 from neugrasp_ros.benchmark.metrics import summarize
 from neugrasp_ros.benchmark.protocol import Suite
 from neugrasp_ros.benchmark.records import RoundRecord
+from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.model import (
     default_weights,
     file_sha256,
@@ -63,7 +64,10 @@ def figures(
         command: The command line that was run.
     """
     path = Path(weights) if weights else default_weights()
-    settings = {**asdict(suite), "objects": os.path.basename(suite.objects)}
+    settings = asdict(suite) | {
+        "objects": os.path.basename(suite.objects),
+        "gripper": load_gripper(suite.gripper).name,
+    }
     return {
         **summarize(rounds, np.random.default_rng(0)),
         **{f"suite_{k}" if k == "objects" else k: v for k, v in settings.items()},

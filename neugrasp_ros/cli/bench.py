@@ -10,6 +10,7 @@ from typing import Any
 from neugrasp_ros.cli.counts import require_positive
 
 NOTED = ("rounds", "probes")
+ASKED = ("neugrasp", "random", "geometry")  # policies of rounds of affordance objects
 
 
 def add_parser(
@@ -94,6 +95,11 @@ def run(args: argparse.Namespace) -> int:
             f"grasp is there, got {args.candidates}"
         )
     served = args.scene == "affordance"
+    if served and args.policy not in ASKED:
+        raise ConfigError(
+            f"--scene affordance asks the network as it is about each class: --policy "
+            f"must be one of {', '.join(ASKED)}, got {args.policy!r}"
+        )
     suite = Suite(
         scene="pile" if served else args.scene,
         view=args.view,

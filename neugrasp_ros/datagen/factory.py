@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 from neugrasp_ros.datagen.jobs import RunPlan
 from neugrasp_ros.datagen.labels import (
@@ -200,18 +201,32 @@ def _check_plan(plan: RunPlan, folder: Path) -> None:
         record["weights"] = file_sha256(Path(plan.weights))
     if path.is_file():
         before = json.loads(path.read_text())
+        if "trials" not in before and plan.physics:
+            raise ConfigError(
+                f"{path} does not say how its grasps were tried: take a new folder"
+            )
         missing = {
             item.name: item.default
             for item in fields(RunPlan)
             if item.default is not MISSING
         }
-        missing["trials"] = record["trials"]  # plans once did not say
-        before = missing | before
+        before = _flat({"trials": {}, **missing, **before})
         changed = {
             key: (before.get(key), value)
-            for key, value in record.items()
+            for key, value in _flat(record).items()
             if key != "n_scenes" and before.get(key) != value
         }
         if changed:
             raise ConfigError(f"{folder} was begun with another plan: {changed}")
     path.write_text(json.dumps(record, indent=2) + "\n")
+
+
+def _flat(record: dict[str, Any], under: str = "") -> dict[str, Any]:
+    """Return a nested record by dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in record.items():
+        if isinstance(value, dict) and value:
+            flat |= _flat(value, f"{under}{key}.")
+        else:
+            flat[under + key] = value
+    return flat

@@ -11,6 +11,7 @@ from neugrasp_ros.datagen.labels import VARIED, WITHOUT_PHYSICS, SceneJob
 from neugrasp_ros.errors import ConfigError
 
 GRIPPER_SHARES = {"panda": 0.45, "robotiq_2f85": 0.3, VARIED: 0.25}
+SHAKEN, STILL = "fast_shake", "fast"  # trial presets
 KIND_SHARES = {"pile": 0.6, "packed": 0.4}
 STEPS = (
     0.7548776662466927,
@@ -105,14 +106,13 @@ class RunPlan:
         )
 
     def _preset(self, u: float) -> str:
-        presets = self.presets()
-        if not presets:
+        if not self.physics:
             return WITHOUT_PHYSICS
-        return presets[0] if u < self.shake_share else presets[1]
+        return SHAKEN if u < self.shake_share else STILL
 
     def presets(self) -> tuple[str, ...]:
-        """Return the trials that scenes get: with a shake, and without."""
-        return ("fast_shake", "fast") if self.physics else ()
+        """Return the trial presets that scenes get."""
+        return (SHAKEN, STILL) if self.physics else ()
 
     def jobs(self, done: Sequence[int] | set[int] = ()) -> list[SceneJob]:
         """Return the jobs of all scenes but those that are done."""

@@ -108,7 +108,7 @@ def draw_decision(
     draw_surface(panels[2], decision.surface, c="#b8c4d0", cmap=None, s=2)
     _draw_ranked(panels[2], decision, gripper)
     titles = (
-        f"completed surface ({len(decision.surface)} points)",
+        f"surface ({len(decision.surface)} points)",
         f"{len(decision.candidates)} candidates",
         f"{len(decision.grasps)} ranked grasps, best in bold",
     )

@@ -9,9 +9,9 @@ from neugrasp_ros.pipeline.planner import (
     DEFAULT_SUPPORT_HEIGHT,
     Decision,
     GraspPlanner,
-    use_threads,
 )
 from neugrasp_ros.pipeline.scenes import EncodedScene, RenderedScene
+from neugrasp_ros.scene.workers import use_threads
 
 __all__ = [
     "DEFAULT_SUPPORT_HEIGHT",

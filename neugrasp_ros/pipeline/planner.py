@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from neugrasp_ros.config import PlannerConfig, ReferenceConfig
@@ -188,6 +187,13 @@ class GraspPlanner:
             known.surface = RenderedScene(*found)
             return known.surface
 
+    def surface(self, scene: EncodedScene, support: float | None) -> RenderedScene:
+        """Return what grasps are sampled on: completed, or with no render only seen."""
+        if self.config.scene_render:
+            return self.render(scene)
+        with self._lock, self._timed("rendering"):
+            return seen_scene(scene.volume, support, self.config.render)
+
     def trace(
         self, scene: EncodedScene, origins: FloatArray, directions: FloatArray
     ) -> FloatArray:
@@ -219,11 +225,12 @@ class GraspPlanner:
         max_candidates: int = 0,
         seed: int = 0,
     ) -> GraspSet:
-        """Sample candidates on the completed surface, or ``seen_scene``.
+        """Sample candidates on the scene's ``surface``.
 
         Args:
             scene: The scene.
-            support_height: Height of the support plane in the task frame in [m].
+            support_height: Height of the support plane in the task frame in [m]; None
+                = there is none.
             roi: Lower and upper corner in the task frame in [m]: only grasps whose
                 TCP lies inside; the number of candidates counts those.
             max_candidates: 0 takes the configured number.
@@ -234,10 +241,7 @@ class GraspPlanner:
             Candidates, not scored; none if there is no surface. All approach with the
             jaws fully open, as the network learned it.
         """
-        if self.config.scene_render:
-            surface = self.render(scene)
-        else:
-            surface = seen_scene(scene.volume, support_height, self.config.render)
+        surface = self.surface(scene, support_height)
         with self._lock:
             self.timings.pop("sampling", None)
             with self._timed("sampling"):
@@ -393,8 +397,3 @@ class GraspPlanner:
                 not bool(known.all()),
                 dict(self.timings),
             )
-
-
-def use_threads(count: int) -> None:
-    """Let the networks of this process use ``count`` threads."""
-    torch.set_num_threads(count)

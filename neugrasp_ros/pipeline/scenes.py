@@ -137,7 +137,7 @@ class EncodedScene:
 
 @dataclass(frozen=True, eq=False)
 class RenderedScene:
-    """The completed surface.
+    """A surface to sample grasps on: completed, or what was seen.
 
     Attributes:
         points: Surface points in the task frame in [m], shape (N, 3).
@@ -151,7 +151,7 @@ class RenderedScene:
 def seen_scene(
     volume: TsdfVolume, support_height: float | None, render: RenderConfig
 ) -> RenderedScene:
-    """Return what was seen of the objects, for who is to do without completion.
+    """Return what was seen of the objects, without completion.
 
     Args:
         volume: A volume with at least one view.

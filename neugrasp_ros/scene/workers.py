@@ -31,6 +31,11 @@ def usual_threads() -> int:
     return len(os.sched_getaffinity(0))
 
 
+def use_threads(count: int) -> None:
+    """Let the networks of this process use ``count`` threads."""
+    torch.set_num_threads(count)
+
+
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
     """Let torch divide the operations of this thread among ``count``, no gradients."""

@@ -16,6 +16,7 @@ from neugrasp_ros.benchmark.seams import (
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.grasp.types import GraspSet
+from neugrasp_ros.pipeline import GraspPlanner
 from neugrasp_ros.scene.cubes import centrality, cover
 from sim_bridge.world import World
 
@@ -57,3 +58,11 @@ def test_grasps_at_the_seams_lie_on_the_objects(look):
     alone, seams = (plan.grasps.poses[:, :3, 3] for plan in plans)
     gaps = np.linalg.norm(seams[:, None] - alone, axis=2).min(axis=1)
     assert np.median(gaps) < 0.02
+
+
+def test_without_scene_render_nothing_is_completed_to_sample_on(look, monkeypatch):
+    choose = make_policy("no_scene_render", PlannerConfig(threads=1))
+    monkeypatch.delattr(GraspPlanner, "render")
+    plan = choose(look, np.random.default_rng(0))
+    assert len(plan.grasps)
+    assert len(plan.surface)

@@ -134,8 +134,26 @@ def test_a_folder_holds_trials_of_one_kind(tmp_path, monkeypatch):
     run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
     fewer = replace(TRIAL_PRESETS["fast"], solver_iterations=7)
     monkeypatch.setitem(TRIAL_PRESETS, "fast", fewer)
-    with pytest.raises(ConfigError, match="begun with another plan.*'trials'"):
+    with pytest.raises(
+        ConfigError, match="another plan.*trials.fast.solver_iterations"
+    ):
         run_factory(plan(1), tmp_path, n_workers=0, work=label_or_fail)
+
+
+def test_a_folder_that_does_not_say_how_it_tried_grasps_gets_none_more(tmp_path):
+    path = tmp_path / "plan.json"
+    for physics in (True, False):
+        run_plan = replace(plan(1), physics=physics)
+        path.unlink(missing_ok=True)
+        run_factory(run_plan, tmp_path, n_workers=0, work=label_or_fail)
+        record = json.loads(path.read_text())
+        del record["trials"]
+        path.write_text(json.dumps(record))
+        if physics:
+            with pytest.raises(ConfigError, match="does not say how"):
+                run_factory(run_plan, tmp_path, n_workers=0, work=label_or_fail)
+        else:
+            run_factory(run_plan, tmp_path, n_workers=0, work=label_or_fail)
 
 
 def test_weights_are_known_by_what_is_in_them(tmp_path):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,6 +46,11 @@ def written(tmp_path):
 def test_shipped_grippers_load_under_their_names(name):
     assert name in gripper_names()
     assert load_gripper(name).name == name
+
+
+def test_the_example_of_a_users_gripper_loads():
+    gripper = load_gripper(str(Path(__file__).parents[2] / "docs/wide_gripper.yaml"))
+    assert (gripper.name, gripper.max_opening) == ("wide_110", 0.11)
 
 
 def test_a_users_file_round_trips(written):

@@ -24,7 +24,7 @@ def planner_of(folder, **changes) -> GraspPlanner:
 
 
 def test_without_scene_render_grasps_are_sampled_on_what_was_seen(tmp_path):
-    """A ball of which the upper half was seen; the planner's network is not asked."""
+    """A ball of which the upper half was seen; nothing is rendered."""
     centers = (np.arange(SIZE) + 0.5) * EDGE / SIZE
     points = np.stack(np.meshgrid(centers, centers, centers, indexing="ij"), axis=-1)
     distances = (np.linalg.norm(points - CENTER, axis=-1) - RADIUS) / 0.02
@@ -38,6 +38,7 @@ def test_without_scene_render_grasps_are_sampled_on_what_was_seen(tmp_path):
     assert seen.points[:, 2].min() > CENTER[2]
     shaved = seen_scene(volume, CENTER[2] + 0.01, planner.config.render)
     assert 0 < len(shaved.points) < len(seen.points)
+    assert len(seen_scene(volume, 0.2, planner.config.render).points) == 0
     scene = planner.encode(volume, revision=1)
     planner.render = None
     assert len(planner.sample(scene, support_height=None, seed=3)) > 0
