@@ -143,10 +143,16 @@ def _notes(args: argparse.Namespace, what: str, *about: Any) -> Any:
     """
     from neugrasp_ros.benchmark.report import source_commit
     from neugrasp_ros.benchmark.scene_notes import SceneNotes
+    from neugrasp_ros.geometry.gripper import load_gripper
     from neugrasp_ros.model import default_weights, file_sha256
 
     weights = file_sha256(Path(args.weights) if args.weights else default_weights())
-    settings = {"about": repr(about), "weights": weights, "commit": source_commit()}
+    settings = {
+        "about": repr(about),
+        "gripper": repr(load_gripper(args.gripper)),
+        "weights": weights,
+        "commit": source_commit(),
+    }
     return SceneNotes(_notes_path(args.json, what) if args.json else None, settings)
 
 

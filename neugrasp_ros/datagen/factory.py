@@ -24,6 +24,7 @@ from neugrasp_ros.datagen.labels import (
 from neugrasp_ros.datagen.pool import Outcome, run_dask, run_local
 from neugrasp_ros.datagen.shards import done_indices, next_shard_path, write_shard
 from neugrasp_ros.errors import ConfigError, ShardError
+from neugrasp_ros.geometry.gripper import load_gripper
 from neugrasp_ros.model import file_sha256
 from sim_bridge.trial import trial_config
 
@@ -199,6 +200,8 @@ def _check_plan(plan: RunPlan, folder: Path) -> None:
     record = json.loads(json.dumps({**asdict(plan), "trials": trials}))
     if plan.weights:  # what is in the file, wherever it lies
         record["weights"] = file_sha256(Path(plan.weights))
+    if Path(plan.gripper).suffix:  # a file, which may change
+        record["gripper"] = repr(load_gripper(plan.gripper))
     if path.is_file():
         before = json.loads(path.read_text())
         if "trials" not in before and plan.physics:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -166,4 +167,17 @@ def test_weights_are_known_by_what_is_in_them(tmp_path):
         run_factory(chosen, out, n_workers=0, work=label_or_fail)
     weights[1].write_bytes(b"others")
     with pytest.raises(ConfigError, match="begun with another plan.*weights"):
+        run_factory(chosen, out, n_workers=0, work=label_or_fail)
+
+
+def test_a_grippers_file_is_known_by_what_is_in_it(tmp_path):
+    text = (Path(__file__).parents[2] / "docs/wide_gripper.yaml").read_text()
+    files = [tmp_path / name for name in ("a.yaml", "b.yaml")]
+    out = tmp_path / "out"
+    for path in files:
+        path.write_text(text)
+        chosen = replace(plan(1), gripper=str(path))
+        run_factory(chosen, out, n_workers=0, work=label_or_fail)
+    files[1].write_text(text.replace("0.110", "0.100"))
+    with pytest.raises(ConfigError, match="begun with another plan.*gripper"):
         run_factory(chosen, out, n_workers=0, work=label_or_fail)
