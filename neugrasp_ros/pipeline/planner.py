@@ -188,7 +188,7 @@ class GraspPlanner:
             return known.surface
 
     def surface(self, scene: EncodedScene, support: float | None) -> RenderedScene:
-        """Return what grasps are sampled on: completed, or with no render only seen."""
+        """Return what grasps are sampled on: see ``scene_render``, ``seen_scene``."""
         if self.config.scene_render:
             return self.render(scene)
         with self._lock, self._timed("rendering"):
