@@ -220,6 +220,12 @@ class TrainConfig(Checked):
         0.6, "Share of the steps before the step size falls linearly", 0.0, 1.0
     )
     w_occupancy: float = option(2.0, "Weight of the scene occupancy loss", 0.0, 100.0)
+    w_overlap: float = option(
+        1.0, "Weight of the loss of the scenes' intersection over union", 0.0, 100.0
+    )
+    stretched_share: float = option(
+        0.5, "Share of the occupancy's scenes that are stretched", 0.0, 1.0
+    )
     w_quality: float = option(1.0, "Weight of the quality loss", 0.0, 100.0)
     w_local: float = option(1.0, "Weight of the local occupancy loss", 0.0, 100.0)
     w_affordance: float = option(

@@ -3,9 +3,11 @@
 
 The completed surface serves twice: candidates are sampled on it, and their local views
 are rendered from it. An oracle puts the true surface in its place for one of the two,
-or for both; what then is still lost is lost by the scores.
+or for both; what then is still lost is lost by the scores. ``oracle_candidates`` is
+told which candidates hold: what it loses is lost because there is none that does.
 """
 
+from contextlib import closing
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -22,6 +24,8 @@ from neugrasp_ros.scene.field import LOGIT_LIMIT
 from sim_bridge.observation import mesh_scene
 
 SMOOTHING = 0.7  # samples: places the surface between them
+BEST_CANDIDATE = "oracle_candidates"
+TRIES = 64  # candidates that are tried before it is said that none holds
 
 ORACLES = {
     "oracle_sampling": ("sampling",),
@@ -60,6 +64,22 @@ def true_scene(scene: EncodedScene, objects: MeshScene) -> TrueScene:
     return TrueScene(**{**values, "field": true_field(objects, scene.field)})
 
 
+def candidates_policy(config: PlannerConfig) -> Policy:
+    """Return the policy that takes the best-scored candidate that truly holds."""
+    planning = Planning(config)
+
+    def choose(look: Look, rng: np.random.Generator) -> Plan:
+        planner, scene, grasps = planning.candidates(look, rng)
+        scored = planner.evaluate(scene, grasps, support_height=look.table_height)
+        tried = scored.take(np.argsort(-scored.quality, kind="stable")[:TRIES])
+        with closing(look.holds(tried)) as holds:
+            row = next((i for i, good in enumerate(holds) if good), None)
+        best = tried.take(np.array([] if row is None else [row], dtype=np.int64))
+        return answer(look, best, planner, scene, grasps)
+
+    return choose
+
+
 def oracle_policy(name: str, config: PlannerConfig) -> Policy:
     """Return the network's policy with the true surface in some stages.
 
@@ -78,6 +98,6 @@ def oracle_policy(name: str, config: PlannerConfig) -> Policy:
         scene = true if "local" in told else completed
         scored = planner.evaluate(scene, grasps, support_height=look.table_height)
         good = worth_trying(scored, look.failed)
-        return answer(good, planner, completed, grasps)
+        return answer(look, good, planner, completed, grasps)
 
     return choose

@@ -12,11 +12,7 @@ from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.fusion.tsdf import empty_volume, integrate
 from neugrasp_ros.grasp.ranking import quality_after_failures
 from neugrasp_ros.grasp.types import GraspSet
-from neugrasp_ros.pipeline import (
-    DEFAULT_SUPPORT_HEIGHT,
-    EncodedScene,
-    GraspPlanner,
-)
+from neugrasp_ros.pipeline import EncodedScene, GraspPlanner
 
 FloatArray = NDArray[np.float64]
 
@@ -100,7 +96,11 @@ def worth_trying(scored: GraspSet, failed: tuple[FloatArray, ...]) -> GraspSet:
 
 
 def answer(
-    grasps: GraspSet, planner: GraspPlanner, scene: EncodedScene, candidates: GraspSet
+    look: Look,
+    grasps: GraspSet,
+    planner: GraspPlanner,
+    scene: EncodedScene,
+    candidates: GraspSet,
 ) -> Plan:
     """Return grasps with what they were chosen from."""
     return Plan(
@@ -109,6 +109,6 @@ def answer(
         n_candidates=len(candidates),
         classes=planner.affordances,
         candidates=candidates,
-        surface=planner.surface(scene, DEFAULT_SUPPORT_HEIGHT).points,
+        surface=planner.surface(scene, look.table_height).points,
         field=scene.field,
     )

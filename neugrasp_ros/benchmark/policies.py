@@ -7,7 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from neugrasp_ros.benchmark.oracles import ORACLES, oracle_policy
+from neugrasp_ros.benchmark.oracles import (
+    BEST_CANDIDATE,
+    ORACLES,
+    candidates_policy,
+    oracle_policy,
+)
 from neugrasp_ros.benchmark.planning import Planning, answer, worth_trying
 from neugrasp_ros.benchmark.protocol import Look, Plan, Policy
 from neugrasp_ros.benchmark.seams import EXTRA_VOXELS, moved_back, moved_look
@@ -24,7 +29,7 @@ def neugrasp_policy(config: PlannerConfig, extra_voxels: int = 0) -> Policy:
         planner, scene, grasps = planning.candidates(look, rng)
         scored = planner.evaluate(scene, grasps, support_height=look.table_height)
         good = worth_trying(scored, look.failed)
-        return answer(good, planner, scene, grasps)
+        return answer(look, good, planner, scene, grasps)
 
     return choose
 
@@ -56,7 +61,7 @@ def scored_policy(config: PlannerConfig) -> Policy:
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, scene, grasps = planning.candidates(look, rng)
         scored = planner.evaluate(scene, grasps, support_height=look.table_height)
-        return answer(scored, planner, scene, grasps)
+        return answer(look, scored, planner, scene, grasps)
 
     return choose
 
@@ -68,7 +73,7 @@ def random_policy(config: PlannerConfig) -> Policy:
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, scene, grasps = planning.candidates(look, rng)
         shuffled = grasps.take(rng.permutation(len(grasps)))
-        return answer(shuffled, planner, scene, grasps)
+        return answer(look, shuffled, planner, scene, grasps)
 
     return choose
 
@@ -82,7 +87,7 @@ def geometry_policy(config: PlannerConfig) -> Policy:
 
     def choose(look: Look, rng: np.random.Generator) -> Plan:
         planner, scene, grasps = planning.candidates(look, rng)
-        return answer(grasps, planner, scene, grasps)
+        return answer(look, grasps, planner, scene, grasps)
 
     return choose
 
@@ -101,6 +106,7 @@ def make_policy(name: str, config: PlannerConfig) -> Policy:
         "random": random_policy,
         "geometry": geometry_policy,
         "scored": scored_policy,
+        BEST_CANDIDATE: candidates_policy,
         **{name: partial(oracle_policy, name) for name in ORACLES},
     }
     if name not in makers:

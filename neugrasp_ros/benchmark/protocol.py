@@ -6,7 +6,7 @@ record per round with every attempt and why it failed.
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,7 +30,7 @@ from sim_bridge.observation import (
 )
 from sim_bridge.scene import PlacedObject, Scene, SceneMeshes
 from sim_bridge.scenes import BENCHMARK_COUNT, build_scene
-from sim_bridge.trial import run_trial, trial_config
+from sim_bridge.trial import run_trial, run_trials, trial_config
 from sim_bridge.trial_result import TrialResult
 from sim_bridge.world import TABLE_HEIGHT, World
 
@@ -106,7 +106,7 @@ class Suite:
 
 
 class Look(NamedTuple):
-    """What a policy may use; ``truth`` is for oracles only.
+    """What a policy may use; ``truth`` and ``holds`` are for oracles only.
 
     Attributes:
         view: The depth image.
@@ -114,6 +114,7 @@ class Look(NamedTuple):
         table_height: Height of the support plane in [m].
         failed: Poses that failed in this round, each (4, 4).
         truth: The objects' true shapes where they lie.
+        holds: Tells of each grasp in turn whether it would hold.
     """
 
     view: DepthView
@@ -121,6 +122,7 @@ class Look(NamedTuple):
     table_height: float
     failed: tuple[FloatArray, ...]
     truth: SceneMeshes
+    holds: Callable[[GraspSet], Generator[bool]]
 
 
 class Plan(NamedTuple):
@@ -290,7 +292,19 @@ class Round:
             self._noise_rng,
             noise=self._suite.noise or self._protocol.noise,
         )
-        return Look(view, self.gripper, TABLE_HEIGHT, tuple(self._failed), truth)
+        failed = tuple(self._failed)
+        return Look(view, self.gripper, TABLE_HEIGHT, failed, truth, self.holds)
+
+    def holds(self, grasps: GraspSet) -> Generator[bool]:
+        """Try each grasp by the protocol and undo it; close it if not exhausted."""
+        hand = SimGripper(self._world, self.gripper)
+        openings = self.openings(grasps).tolist()
+        try:
+            for pair in zip(grasps.poses, openings, strict=True):
+                (result,) = run_trials(self._world, hand, [pair], self.trial)
+                yield result.success
+        finally:
+            hand.remove()
 
     def _plan(self, policy: Policy, look: Look) -> tuple[Plan, float]:
         start = time.perf_counter()

@@ -42,7 +42,7 @@ def add_parser(
         "the scene where four cubes meet; no_scene_render, with candidates on what was "
         "seen alone; the floors random and geometry; or "
         "oracle_sampling, oracle_local, oracle_surface, which are told the true "
-        "surface",
+        "surface, and oracle_candidates, which is told what holds",
     )  # fmt: skip
     add("--rounds", type=int, default=100)
     add("--probes", type=int, help="scenes asked about each class; default --rounds")

@@ -24,6 +24,28 @@ def known_entropy(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
     return total / weight.sum().clamp(min=1.0)
 
 
+def overlap_loss(logits: Tensor, targets: Tensor, counted: Tensor) -> Tensor:
+    """Return what the soft intersection over union lacks to 1, a mean over scenes.
+
+    With p the predicted and t the true values of a scene, S a sum over its points:
+
+        loss = 1 - (S(p t) + 1) / (S(p + t - p t) + 1)
+
+    Cross entropy alone asks for a probability, and where that is 0.5 is not where the
+    expected IoU is best.
+
+    Args:
+        logits: Shape (B, N).
+        targets: 0 or 1, of the same shape.
+        counted: Which points count: those drawn evenly, so that they measure volume.
+    """
+    p = logits.float().sigmoid()
+    both = p * targets
+    inner = (both * counted).sum(dim=1)
+    outer = ((p + targets - both) * counted).sum(dim=1)
+    return (1 - (inner + 1) / (outer + 1)).mean()
+
+
 def affordance_loss(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
     """Return cross entropy plus dice, summed over the classes (method sheet, e).
 

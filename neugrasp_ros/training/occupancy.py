@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import binary_cross_entropy_with_logits
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import EmptySceneError
@@ -17,10 +16,17 @@ from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.scene.network import SceneNetwork
 from neugrasp_ros.training.cache import POINT_SCALE, SceneEntry, entry_paths, load_entry
 from neugrasp_ros.training.device import device_of, moved
-from neugrasp_ros.training.views import dequantise
+from neugrasp_ros.training.losses import known_entropy, overlap_loss
+from neugrasp_ros.training.stretching import (
+    draw_stretch,
+    stretched_points,
+    stretched_volume,
+)
+from neugrasp_ros.training.views import boxed_rows, dequantise
 
 Voxel = TypeVar("Voxel", bound=np.generic)
 
+SHAPE_SPREAD = 0.15  # of a stretch, see ``draw_stretch``
 RESCAN_STEPS = 100  # how often new entries of the cache are looked for
 
 
@@ -32,11 +38,15 @@ class OccupancyBatch:
         volumes: Channels, shape (B, 3, D, D, D).
         points: In units of the edge, shape (B, N, 3).
         occupied: Labels 0 or 1, shape (B, N).
+        inside: Points that a stretch has left in the cube, shape (B, N).
+        boxed: Those among them that were drawn evenly, shape (B, N).
     """
 
     volumes: Tensor
     points: Tensor
     occupied: Tensor
+    inside: Tensor
+    boxed: Tensor
 
 
 def turn_volume(volume: NDArray[Voxel], turn: int) -> NDArray[Voxel]:
@@ -93,22 +103,33 @@ class SceneCache:
 def draw_batch(
     cache: SceneCache, config: TrainConfig, rng: np.random.Generator
 ) -> OccupancyBatch:
-    """Draw scenes, a view of each, points, and a symmetry for each."""
-    volumes, points, occupied = [], [], []
+    """Draw scenes, a view of each, points, a symmetry for each, and some stretches."""
+    volumes, points, occupied, boxed = [], [], [], []
     for name in rng.choice(cache.names, size=config.scenes_per_step):
         entry = cache[str(name)]
         turn = int(rng.integers(8))
         view = rng.integers(len(entry.volumes))
         rows = rng.integers(len(entry.points), size=config.points_per_scene)
-        distances = turn_volume(dequantise(entry.volumes[view]), turn)
-        volumes.append(volume_channels(distances))
-        positions = entry.points[rows].astype(np.float32) / np.float32(POINT_SCALE)
-        points.append(turn_points(positions, turn))
+        volume = turn_volume(entry.volumes[view], turn)
+        where = entry.points[rows].astype(np.float32) / np.float32(POINT_SCALE)
+        where = turn_points(where, turn)
+        if rng.random() < config.stretched_share:
+            stretch = draw_stretch(rng, SHAPE_SPREAD)
+            volume = stretched_volume(volume, stretch)
+            where = stretched_points(where, stretch)
+        volumes.append(volume_channels(dequantise(volume)))
+        points.append(where)
         occupied.append(entry.occupied[rows])
+        first, end = boxed_rows(len(entry.points))
+        boxed.append((rows >= first) & (rows < end))
+    positions = torch.from_numpy(np.stack(points))
+    inside = ((positions >= 0) & (positions <= 1)).all(dim=-1)
     return OccupancyBatch(
         torch.from_numpy(np.stack(volumes)),
-        torch.from_numpy(np.stack(points).astype(np.float32)),
+        positions,
         torch.from_numpy(np.stack(occupied).astype(np.float32)),
+        inside,
+        inside & torch.from_numpy(np.stack(boxed)),
     )
 
 
@@ -129,16 +150,20 @@ class OccupancyStage:
         self._config = config
 
     def __call__(self, step: int) -> dict[str, Tensor]:
-        """Return the loss of a step; its batch depends on the seed and the step."""
+        """Return the losses of a step; its batch depends on the seed and the step."""
         if step % RESCAN_STEPS == RESCAN_STEPS - 1:
             self._cache.rescan()
         rng = np.random.default_rng([self._config.seed, step])
         batch = draw_batch(self._cache, self._config, rng)
         batch = moved(batch, device_of(self._network))
         planes = self._network.encode(batch.volumes)
-        logits = self._network.occupancy(planes, batch.points).float()
-        loss = binary_cross_entropy_with_logits(logits, batch.occupied)
-        return {"occupancy": self._config.w_occupancy * loss}
+        logits = self._network.occupancy(planes, batch.points)
+        entropy = known_entropy(logits, batch.occupied, batch.inside)
+        overlap = overlap_loss(logits, batch.occupied, batch.boxed)
+        return {
+            "occupancy": self._config.w_occupancy * entropy,
+            "overlap": self._config.w_overlap * overlap,
+        }
 
 
 @torch.no_grad()

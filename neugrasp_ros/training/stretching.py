@@ -15,7 +15,7 @@ from neugrasp_ros.training.views import EDGE, TABLE_TOP, UNKNOWN
 FloatArray = NDArray[np.float64]
 Voxels = NDArray[np.int8]
 
-SPREAD = 0.09  # standard deviation of the factors' logarithm
+SPREAD = 0.09  # standard deviation of the factors' logarithm, where parts are learned
 FACTORS = 0.8, 1.25  # least and greatest
 TURNED = 0.4  # [rad] to either side, in half of the draws
 SHIFT = 0.08  # of the edge to either side, along x and y
@@ -35,9 +35,14 @@ class Stretch(NamedTuple):
     height: float
 
 
-def draw_stretch(rng: np.random.Generator) -> Stretch:
-    """Draw a stretch along two random directions and z, a turn, and a shift."""
-    factors = np.exp(rng.normal(0, SPREAD, 3)).clip(*FACTORS)
+def draw_stretch(rng: np.random.Generator, spread: float = SPREAD) -> Stretch:
+    """Draw a stretch along two random directions and z, a turn, and a shift.
+
+    Args:
+        rng: Source of randomness.
+        spread: Standard deviation of the factors' logarithm.
+    """
+    factors = np.exp(rng.normal(0, spread, 3)).clip(*FACTORS)
     along = _turn(rng.uniform(0, np.pi))
     turn = _turn(rng.uniform(-TURNED, TURNED) if rng.random() < 0.5 else 0.0)
     matrix = turn @ along @ np.diag(factors[:2]) @ along.T

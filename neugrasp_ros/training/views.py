@@ -126,9 +126,10 @@ def sample_occupancy(
 ) -> OccupancySamples:
     """Draw points for the occupancy loss and label them.
 
-    Half of them lie within about a centimetre of a surface, a quarter in the objects'
-    bounding box and 2 cm around it, a quarter anywhere in the cube: near the surface
-    the decision is made, but scene rays travel everywhere (method sheet, f3.33).
+    Half of them lie within about a centimetre of a surface, then (``boxed_rows``) a
+    quarter in the objects' bounding box and 2 cm around it, then a quarter anywhere in
+    the cube: near the surface the decision is made, but scene rays travel everywhere
+    (method sheet, f3.33).
 
     Args:
         scene: Objects without the table.
@@ -141,14 +142,19 @@ def sample_occupancy(
         return OccupancySamples(
             (points / EDGE).astype(np.float32), np.zeros(n_points, dtype=bool)
         )
-    near = surface[rng.integers(len(surface), size=n_points // 2)]
+    first, end = boxed_rows(n_points)
+    near = surface[rng.integers(len(surface), size=first)]
     near = near + rng.normal(0.0, 0.007, near.shape)
-    quarter = n_points // 4
     low, high = surface.min(axis=0) - 0.02, surface.max(axis=0) + 0.02
-    boxed = rng.uniform(low, high, (quarter, 3))
-    anywhere = rng.uniform(0.0, EDGE, (n_points - len(near) - quarter, 3))
+    boxed = rng.uniform(low, high, (end - first, 3))
+    anywhere = rng.uniform(0.0, EDGE, (n_points - end, 3))
     points = np.clip(np.concatenate([near, boxed, anywhere]), 0.0, EDGE)
     return OccupancySamples((points / EDGE).astype(np.float32), scene.contains(points))
+
+
+def boxed_rows(n_points: int) -> tuple[int, int]:
+    """Return the first of ``sample_occupancy``'s points in the box, and their end."""
+    return n_points // 2, n_points // 2 + n_points // 4
 
 
 def quantise(distances: NDArray[np.float32]) -> NDArray[np.int8]:

@@ -14,7 +14,7 @@ from neugrasp_ros.grasp.types import GraspSet
 
 def test_unknown_policy_is_refused_with_the_known_ones() -> None:
     with pytest.raises(
-        UnknownNameError, match="geometry, neugrasp, no_scene_render, oracle_local"
+        UnknownNameError, match="geometry, neugrasp, no_scene_render, oracle_candidates"
     ):
         make_policy("best", PlannerConfig())
 

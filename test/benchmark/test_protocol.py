@@ -39,6 +39,28 @@ def grasp_the_air(look, rng):
 
 
 @pytest.mark.slow
+def test_what_an_oracle_tries_changes_nothing():
+    told = []
+
+    def choose(look, rng):
+        good = grasp_from_above(look, rng)
+        pair = np.concatenate([looking_down(0.15, 0.15, 0.3)[None], good.grasps.poses])
+        held = look.holds(GraspSet(pair, np.full(2, 0.08)))
+        told.extend([next(held), next(held)])
+        held.close()
+        return good
+
+    plain, tried = (
+        run_round(suite(), 0, policy, None, SETS)
+        for policy in (grasp_from_above, choose)
+    )
+    assert told == [False, True]
+    assert tried.attempts[0].success
+    assert tried.attempts[0].T_task_gripper == plain.attempts[0].T_task_gripper
+    assert tried.n_successes == plain.n_successes == 1
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", ["vgn", "strict"])
 def test_a_policy_that_knows_the_scene_clears_it(protocol):
     seen = []

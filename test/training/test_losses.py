@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from neugrasp_ros.training.losses import affordance_loss, known_entropy
+from neugrasp_ros.training.losses import affordance_loss, known_entropy, overlap_loss
 
 TARGETS = torch.tensor([[1.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 ALL = torch.ones(4, dtype=torch.bool)
@@ -71,3 +71,21 @@ def test_a_class_without_positives_stays_finite():
     loss.backward()
     assert torch.isfinite(loss)
     assert logits.grad.abs().max() < 1.0
+
+
+def test_the_overlap_is_what_both_fill_over_what_either_fills():
+    occupied = torch.zeros(2, 100)
+    occupied[:, :40] = 1
+    logits = torch.full((2, 100), -40.0)
+    logits[0, :40] = 40.0  # all of it
+    logits[1, 20:60] = 40.0  # half of it, and as much beside it
+    every = torch.ones(2, 100, dtype=torch.bool)
+    lost = overlap_loss(logits, occupied, every)
+    assert lost == pytest.approx((0 + 1 - 21 / 61) / 2, abs=1e-4)
+
+
+def test_only_points_that_count_overlap():
+    occupied = torch.tensor([[1.0, 1.0, 0.0, 0.0]])
+    logits = torch.tensor([[40.0, -40.0, -40.0, 40.0]])
+    counted = torch.tensor([[True, False, True, False]])
+    assert overlap_loss(logits, occupied, counted) == pytest.approx(0, abs=1e-4)

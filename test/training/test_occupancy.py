@@ -102,6 +102,16 @@ def test_the_labels_of_a_batch_fit_its_turned_volumes(folder):
         assert torch.equal(negative[clear], inside[clear])
 
 
+def test_points_that_a_stretch_pushes_out_do_not_count(folder):
+    config = replace(CONFIG, stretched_share=1.0, points_per_scene=2000)
+    batch = draw_batch(SceneCache(folder), config, np.random.default_rng(3))
+    out = ((batch.points < 0) | (batch.points > 1)).any(dim=-1)
+    assert out.any()
+    assert torch.equal(batch.inside, ~out)
+    assert not batch.boxed[out].any()
+    assert batch.boxed.float().mean() == pytest.approx(0.25, abs=0.06)
+
+
 def test_the_cache_finds_entries_that_come_later(folder, monkeypatch):
     cache = SceneCache(folder)
     monkeypatch.setattr(occupancy, "RESCAN_STEPS", 2)
