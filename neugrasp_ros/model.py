@@ -23,6 +23,7 @@ from neugrasp_ros.scene.network import SceneNetwork
 FORMAT = "neugrasp-1"
 SCENE, CONTEXT, PARTS = "scene.", "context.", "parts."  # how names of tensors begin
 AFFORDANCE_HEAD = "detector.affordance."
+AFFORDANCES = AFFORDANCE_HEAD, "affordance_calibration"
 ENCODER, RESIDUAL = "scene.encoder.", "scene.encoder.unet."
 
 
@@ -78,8 +79,15 @@ def default_weights() -> Path:
 
 
 def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, as reports quote it."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """Return the SHA-256 of a weights file, as reports quote it.
+
+    Raises:
+        CheckpointError: If the file cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise CheckpointError(path, f"cannot be read ({error.strerror})") from error
 
 
 def quality_sha256(network: GraspNetwork) -> str:
@@ -173,8 +181,8 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     Weights of a network with another encoder start all but the scene network. Those of
     a network without affordance heads start one that has them. Those of one without
     context start one with it, whose affordance head then reads more that has no say in
-    the beginning; and the other way round, where it reads less. A part head that the
-    network does not have is left out.
+    the beginning; and the other way round, where it reads less. Heads that the network
+    does not have are left out.
 
     Args:
         network: Changed in place.
@@ -189,10 +197,11 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     """
     source, _ = load_network(path)
     tensors, own = source.state_dict(), network.state_dict()
+    heads = () if network.config.affordances else AFFORDANCES
     tensors = {
         k: v
         for k, v in tensors.items()
-        if k in own or not k.startswith((CONTEXT, PARTS))
+        if k in own or not k.startswith((CONTEXT, PARTS, *heads))
     }
     if bool(network.config.context) != bool(source.config.context):
         tensors = {k: _fitted(k, v, own.get(k)) for k, v in tensors.items()}

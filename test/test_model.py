@@ -102,6 +102,8 @@ def test_only_the_whole_file_appears(weights):
 
 def test_the_quoted_sum_is_that_of_the_file(weights):
     assert file_sha256(weights) == hashlib.sha256(weights.read_bytes()).hexdigest()
+    with pytest.raises(CheckpointError, match="cannot be read"):
+        file_sha256(weights.with_name("none"))
 
 
 def test_a_missing_file_says_how_to_make_one(tmp_path):
@@ -294,6 +296,18 @@ def test_a_part_head_is_left_where_the_network_has_none(tmp_path):
     assert all(torch.equal(v, old[k]) for k, v in new.state_dict().items())
 
 
+@pytest.mark.parametrize("context", [0, 4])
+def test_heads_are_left_where_the_network_has_none(context, tmp_path):
+    torch.manual_seed(1)
+    save_network(
+        GraspNetwork(replace(SMALL, context=context)), tmp_path / "old.safetensors"
+    )
+    new = GraspNetwork(replace(SMALL, affordances=()))
+    assert warm_start(new, tmp_path / "old.safetensors") == ()
+    old = load_network(tmp_path / "old.safetensors")[0].state_dict()
+    assert all(torch.equal(v, old[k]) for k, v in new.state_dict().items())
+
+
 def test_weights_of_another_encoder_begin_the_rest(network, weights):
     new = GraspNetwork(replace(SMALL, unet="residual")).eval()
     fresh = warm_start(new, weights)
@@ -305,7 +319,7 @@ def test_weights_of_another_encoder_begin_the_rest(network, weights):
 
 @pytest.mark.parametrize(
     ("change", "key"),
-    [({"channels": 8}, "detector"), ({"affordances": ()}, "detector.affordance")],
+    [({"channels": 8}, "detector"), ({"affordances": ("a",)}, "detector.affordance")],
 )
 def test_weights_of_another_shape_do_not_start_a_network(weights, change, key):
     network = GraspNetwork(replace(SMALL, **change))

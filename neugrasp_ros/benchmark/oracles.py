@@ -4,7 +4,8 @@
 The completed surface serves twice: candidates are sampled on it, and their local views
 are rendered from it. An oracle puts the true surface in its place for one of the two,
 or for both; what then is still lost is lost by the scores. ``oracle_candidates`` is
-told which candidates hold: what it loses is lost because there is none that does.
+told which of the best-scored ``TRIES`` candidates hold: what it loses is lost because
+there is none among them that does.
 """
 
 from contextlib import closing
@@ -25,7 +26,7 @@ from sim_bridge.observation import mesh_scene
 
 SMOOTHING = 0.7  # samples: places the surface between them
 BEST_CANDIDATE = "oracle_candidates"
-TRIES = 64  # candidates that are tried before it is said that none holds
+TRIES = 64  # of up to 256 candidates: more would take minutes a look
 
 ORACLES = {
     "oracle_sampling": ("sampling",),

@@ -32,21 +32,35 @@ def keep_round(folder: Path, record: Record) -> None:
     partial.replace(path)
 
 
-def load_rounds(folder: Path) -> list[dict[str, Any]]:
+def load_rounds(
+    folder: Path, count: int, seed: int, weights_sha256: str
+) -> list[dict[str, Any]]:
     """Read the rounds of a folder, by number.
 
+    Args:
+        folder: Where they are kept.
+        count: Rounds from this number on are left out.
+        seed: Of the run that they must belong to.
+        weights_sha256: Of the weights that must have chosen the grasps.
+
     Raises:
-        ConfigError: If there is none, or one is damaged.
+        ConfigError: If one is damaged, or of another seed or other weights.
     """
     rounds = []
     for path in sorted(folder.glob("round_*.json")):
         try:
-            rounds.append(json.loads(path.read_text()))
+            record = json.loads(path.read_text())
         except ValueError as error:
             raise ConfigError(f"{path}: not JSON ({error})") from error
-    if not rounds:
-        raise ConfigError(f"{folder}: holds no round")
-    return rounds
+        asked = {"seed": seed + record["index"], "weights_sha256": weights_sha256}
+        for name, value in asked.items():
+            if record.get(name) != value:
+                raise ConfigError(
+                    f"{path}: {name} is {record.get(name)}, this run's is {value}: "
+                    "keep its rounds in another folder"
+                )
+        rounds.append(record)
+    return [record for record in rounds if record["index"] < count]
 
 
 def summarize_rounds(rounds: Sequence[Record]) -> dict[str, Any]:

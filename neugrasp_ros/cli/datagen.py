@@ -112,7 +112,6 @@ def _plan(args: argparse.Namespace) -> "tuple[RunPlan, str | None]":
     from neugrasp_ros.datagen.jobs import RunPlan
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.model import default_weights
-    from sim_bridge.objects.registry import object_set
 
     engine, *address = args.engine
     if engine not in ("local", "dask") or len(address) != (engine == "dask"):
@@ -140,9 +139,25 @@ def _plan(args: argparse.Namespace) -> "tuple[RunPlan, str | None]":
         weights=(args.weights or str(default_weights())) if args.chosen else "",
     )
     if engine == "local":  # other machines have folders of their own
-        for name in {name for kind in plan.kinds() for name in plan.sets_for(kind)}:
-            object_set(name)  # raises before a folder is bound to the plan
+        _require_parts(plan)
     return plan, address[0] if address else None
+
+
+def _require_parts(plan: "RunPlan") -> None:
+    """Look for objects and grippers before a folder is bound to the plan.
+
+    Raises:
+        ConfigError: If a set or its part of the split is empty.
+        UnknownNameError: If there is no such set or gripper.
+    """
+    from neugrasp_ros.datagen.labels import VARIED
+    from neugrasp_ros.geometry.gripper import load_gripper
+    from sim_bridge.objects.registry import object_set, part_names
+
+    for name in {name for kind in plan.kinds() for name in plan.sets_for(kind)}:
+        part_names(object_set(name), plan.split)
+    for name in set(plan.grippers()) - {VARIED}:
+        load_gripper(name)
 
 
 def _about(args: argparse.Namespace) -> dict[str, Any]:

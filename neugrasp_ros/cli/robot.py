@@ -23,7 +23,7 @@ def add_parser(
     add("--share", default="1/1", metavar="K/N", help="do every N-th round, from K on")
     add("--keep", type=Path, default=Path("runs/robot"), metavar="FOLDER",
         help="a file per round; those that are there are not run again")  # fmt: skip
-    add("--json", type=Path, help="where the figures of all rounds kept go")
+    add("--json", type=Path, help="where the figures of the rounds kept go")
     clear.set_defaults(run=run_clear)
     reach = parts.add_parser("reach", help="time, recall and truth of reachability")
     add = reach.add_argument
@@ -68,7 +68,12 @@ def run_clear(args: argparse.Namespace) -> int:
         summarize_rounds,
     )
     from neugrasp_ros.benchmark.robot_round import open_rounds
+    from neugrasp_ros.errors import ConfigError
+    from neugrasp_ros.model import default_weights, file_sha256
 
+    require_positive(args, "rounds")
+    weights = file_sha256(default_weights())
+    load_rounds(args.keep, args.rounds, args.seed, weights)
     first, count = parse_share(args.share)
     mine = range(first - 1, args.rounds, count)
     missing = [i for i in mine if not round_path(args.keep, i).exists()]
@@ -76,14 +81,17 @@ def run_clear(args: argparse.Namespace) -> int:
         with open_rounds(lambda line: print(line, flush=True)) as rounds:
             for index in missing:
                 record = rounds.run(index, args.seed)
-                keep_round(args.keep, record.as_record())
+                made = {**record.as_record(), "weights_sha256": weights}
+                keep_round(args.keep, made)
                 print(
                     f"round {index}: {len(record.cleared)} of {len(record.objects)} "
                     f"cleared in {len(record.attempts)} attempts, {record.ended}, "
                     f"largest contact {record.largest_contact:.1f} N",
                     flush=True,
                 )
-    kept = load_rounds(args.keep)
+    kept = load_rounds(args.keep, args.rounds, args.seed, weights)
+    if not kept:
+        raise ConfigError(f"{args.keep}: holds no round")
     figures = {
         **summarize_rounds(kept),
         "by_kind": by_kind(kept),

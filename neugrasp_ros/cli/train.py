@@ -24,7 +24,9 @@ def add_parser(
     )
     parser.add_argument("--data", help="folders of training shards, comma separated")
     parser.add_argument("--tune", type=Path, help="folder of shards to calibrate on")
-    parser.add_argument("--out", type=Path, default=Path("runs/train"))
+    parser.add_argument(
+        "--out", type=Path, help="default runs/train, or runs/smoke with --smoke"
+    )
     parser.add_argument(
         "--weights", type=Path, help="default: OUT/neugrasp.safetensors"
     )
@@ -68,8 +70,9 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.training.smoke import smoke_test
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    out = args.out or Path("runs/smoke" if args.smoke else "runs/train")
     if args.smoke:
-        figures = smoke_test(args.out, args.seed)
+        figures = smoke_test(out, args.seed)
         print(json.dumps(figures, indent=1))
         return 0 if figures["learned"] else 1
     if not args.data or not args.tune:
@@ -81,8 +84,8 @@ def run(args: argparse.Namespace) -> int:
         TrainingRun(
             train=tuple(Path(folder) for folder in args.data.split(",")),
             tune=args.tune,
-            folder=args.out,
-            weights=args.weights or args.out / "neugrasp.safetensors",
+            folder=out,
+            weights=args.weights or out / "neugrasp.safetensors",
             network=_shape(args, stages),
             stages=stages,
             workers=args.workers,

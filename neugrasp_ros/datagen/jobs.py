@@ -57,10 +57,13 @@ class RunPlan:
         """Check that every kind of scene has objects.
 
         Raises:
-            ConfigError: If one has none, or there is no scene to make.
+            ConfigError: If one has none, there is no scene to make, or the seed is
+                negative.
         """
         if self.n_scenes < 1:
             raise ConfigError(f"n_scenes must be positive, got {self.n_scenes}")
+        if self.seed < 0:
+            raise ConfigError(f"seed must be 0 or more, got {self.seed}")
         for kind in self.kinds():
             if not self.sets_for(kind):
                 raise ConfigError(f"no object set for {kind} scenes in {self.objects}")

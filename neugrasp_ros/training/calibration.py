@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the predicted probabilities honest on the tuning split."""
 
+import hashlib
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ import torch
 
 from neugrasp_ros.datagen.labels import SceneLabels
 from neugrasp_ros.model import GraspNetwork
+from neugrasp_ros.scene.network import SceneNetwork
 from neugrasp_ros.training.batches import GraspCache
 from neugrasp_ros.training.figures import affordance_figures, quality_figures
 from neugrasp_ros.training.grasps import cache_grasps
@@ -39,8 +42,9 @@ def calibrate(
         tune: The split.
         quality: Fit that of the quality too, and not of the affordances alone.
     """
-    cache_grasps(tune, network.scene, folder / "tune_grasps", n_views=1, seed=1)
-    entries = GraspCache(folder / "tune_grasps").entries
+    renders = _renders_of(network.scene, folder)
+    cache_grasps(tune, network.scene, renders, n_views=1, seed=1)
+    entries = GraspCache(renders).entries
     classes = network.config.affordances
     if quality:
         network.calibration.copy_(torch.tensor([1.0, 0.0]))
@@ -63,3 +67,14 @@ def calibrate(
     if classes:
         figures["tune_affordances"] = affordance_figures(scores, classes)
     return figures
+
+
+def _renders_of(scene: SceneNetwork, folder: Path) -> Path:
+    """Return where a scene network's own renders go; those of others are removed."""
+    digest = hashlib.sha256()
+    for tensor in scene.state_dict().values():
+        digest.update(tensor.numpy().tobytes())
+    mine = folder / f"tune_grasps_{digest.hexdigest()[:8]}"
+    for other in set(folder.glob("tune_grasps*")) - {mine}:
+        shutil.rmtree(other)
+    return mine

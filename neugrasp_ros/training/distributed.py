@@ -5,11 +5,13 @@ import os
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 import torch
 import torch.distributed as dist
 from torch import nn
 
+PATIENCE = timedelta(days=2)  # others wait while the first one renders scenes
 LAST_WORK = 0.2  # [s] for gloo's threads to let go of it; else leaving aborts at times
 
 
@@ -19,7 +21,8 @@ def processes() -> Iterator[None]:
     if int(os.environ.get("WORLD_SIZE", "1")) <= 1:
         yield
         return
-    dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+    backend = "nccl" if torch.cuda.is_available() else "gloo"
+    dist.init_process_group(backend, timeout=PATIENCE)
     try:
         yield
         dist.barrier()

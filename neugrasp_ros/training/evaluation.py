@@ -112,8 +112,8 @@ def report(
         },
         "left_out": sum(view.left_out for view in views),
         "left_out_positive": sum(view.left_out_positive for view in views),
-        "quality": _quality([view.scores for view in views], rng),
-        "tried": _quality([_rows(view.scores, view.tried) for view in views], rng),
+        "quality": _quality(_by_scene(views), rng),
+        "tried": _quality(_by_scene(views, tried=True), rng),
         "by": {
             name: _by(views, key, rng)
             for name, key in (
@@ -123,7 +123,7 @@ def report(
             )
         },
     }
-    labelled = [view.scores for view in views if view.scores.known.any()]
+    labelled = _by_scene(view for view in views if view.scores.known.any())
     if classes and labelled:
         figures |= _affordances(labelled, classes, rng)
     finite: dict[str, Any] = _finite(figures)
@@ -135,10 +135,26 @@ def _by(
     key: Callable[[ViewScores], str],
     rng: np.random.Generator,
 ) -> dict[str, Any]:
-    groups: dict[str, list[Predictions]] = {}
+    groups: dict[str, list[ViewScores]] = {}
     for view in views:
-        groups.setdefault(key(view), []).append(view.scores)
-    return {name: _quality(parts, rng) for name, parts in sorted(groups.items())}
+        groups.setdefault(key(view), []).append(view)
+    return {
+        name: _quality(_by_scene(some), rng) for name, some in sorted(groups.items())
+    }
+
+
+def _by_scene(views: Iterable[ViewScores], *, tried: bool = False) -> list[Predictions]:
+    """Join the views of each scene, whose grasps are the same.
+
+    Args:
+        views: The views.
+        tried: Only grasps that went through physics.
+    """
+    scenes: dict[int, list[Predictions]] = {}
+    for view in views:
+        rows = view.tried if tried else np.ones_like(view.tried)
+        scenes.setdefault(view.index, []).append(_rows(view.scores, rows))
+    return [merged(parts) for parts in scenes.values()]
 
 
 def _quality(parts: Sequence[Predictions], rng: np.random.Generator) -> dict[str, Any]:

@@ -36,7 +36,12 @@ def roc_auc(probabilities: FloatArray, labels: FloatArray) -> float:
 
 
 def expected_calibration_error(probabilities: FloatArray, labels: FloatArray) -> float:
-    """Return the mean gap between predicted and true rate over 15 equal bins."""
+    """Return the mean gap between predicted and true rate over 15 equal bins.
+
+    That of nothing is NaN.
+    """
+    if not len(labels):
+        return float("nan")
     bins = np.minimum(
         (np.asarray(probabilities) * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1
     )

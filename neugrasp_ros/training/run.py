@@ -23,6 +23,7 @@ from neugrasp_ros.model import (
     warm_start,
 )
 from neugrasp_ros.training.batches import GraspCache
+from neugrasp_ros.training.binding import bind_folder
 from neugrasp_ros.training.cache import render_entry, save_entry
 from neugrasp_ros.training.calibration import calibrate
 from neugrasp_ros.training.context import ContextStage
@@ -104,7 +105,8 @@ def train(run: TrainingRun) -> dict[str, Any]:
 
     Raises:
         CheckpointError: If the weights to begin with do not fit the network.
-        ConfigError: If their encoder does not fit, and no stage would teach a new one.
+        ConfigError: If their encoder does not fit, and no stage would teach a new one;
+            or if the folder was begun with something else.
     """
     scenes = [
         replace(labels, index=number * FOLDER_STRIDE + labels.index)
@@ -124,6 +126,8 @@ def _run_stages(
     network = _new_network(run, scenes)
     with first_on_machine() as mine:
         if mine:
+            uses = {"train": scenes, "tune": tune}
+            bind_folder(run.folder, run.network, run.stages, run.start, uses)
             render_scenes(scenes, run.folder / "scenes", run.workers)
             render_scenes(tune, run.folder / "tune_scenes", run.workers)
     for config in run.stages:
@@ -133,7 +137,6 @@ def _run_stages(
         train_stage(
             network, config, run.folder, scenes, workers=run.workers, keep=run.keep
         )
-        network.cpu()
         LOGGER.info("stage %s is done", config.stage)
     network.eval()
     return network
@@ -205,7 +208,7 @@ def train_stage(
     """Run one stage on its device, preparing what it reads on several processes.
 
     Args:
-        network: Trained in place.
+        network: Trained in place; on the CPU before and after.
         config: The stage.
         folder: The run's folder.
         scenes: The labelled scenes.
@@ -230,7 +233,7 @@ def train_stage(
                     )  # fmt: skip
             _teach_grasps(network, config, folder, keep)
     finally:
-        network.requires_grad_(True)
+        network.cpu().requires_grad_(True)
 
 
 def _teach_grasps(

@@ -95,17 +95,31 @@ def test_furniture_is_told_apart():
     assert found["table:pile"]["executed"] == 1
 
 
+def kept(index, **changes):
+    return {**record(index, [attempt()]), "weights_sha256": "abc", **changes}
+
+
 def test_rounds_are_kept_whole_and_come_back_in_order(tmp_path):
-    for index in (3, 1):
-        keep_round(tmp_path, record(index, [attempt()]))
+    rounds = {index: kept(index, seed=7 + index) for index in (3, 1, 2)}
+    for made in rounds.values():
+        keep_round(tmp_path, made)
     assert round_path(tmp_path, 3).exists() and not list(tmp_path.glob("*.part"))
-    assert [r["index"] for r in load_rounds(tmp_path)] == [1, 3]
-    assert load_rounds(tmp_path)[0] == json.loads(json.dumps(record(1, [attempt()])))
+    loaded = load_rounds(tmp_path, 3, 7, "abc")
+    assert loaded == json.loads(json.dumps([rounds[1], rounds[2]]))
 
 
-def test_an_empty_folder_and_a_damaged_round_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="holds no round"):
-        load_rounds(tmp_path)
+@pytest.mark.parametrize(
+    ("seed", "weights", "message"),
+    [(8, "abc", "seed is 8, this run's is 9"), (7, "def", "weights_sha256 is abc")],
+)
+def test_rounds_of_another_run_are_refused(seed, weights, message, tmp_path):
+    keep_round(tmp_path, kept(1, seed=8))
+    with pytest.raises(ConfigError, match=message):
+        load_rounds(tmp_path, 30, seed, weights)
+
+
+def test_an_empty_folder_has_no_rounds_and_a_damaged_one_is_refused(tmp_path):
+    assert load_rounds(tmp_path, 30, 0, "abc") == []
     round_path(tmp_path, 0).write_text("{")
     with pytest.raises(ConfigError, match="not JSON"):
-        load_rounds(tmp_path)
+        load_rounds(tmp_path, 30, 0, "abc")

@@ -31,6 +31,7 @@ def calls(monkeypatch):
 
     monkeypatch.setattr(factory, "run_factory", fake)
     monkeypatch.setattr(registry, "object_set", lambda name: None)
+    monkeypatch.setattr(registry, "part_names", lambda objects, part: ("a",))
     return seen
 
 
@@ -131,6 +132,7 @@ def test_the_engine_needs_an_address_when_it_is_dask(calls):
         (("--trials", "0"), "--trials must be positive, got 0"),
         (("--scenes", "-1"), "--scenes must be positive, got -1"),
         (("--workers", "0"), "--workers must be positive, got 0"),
+        (("--seed", "-1"), "seed must be 0 or more, got -1"),
     ],
 )
 def test_what_makes_no_sense_is_refused(calls, words, message):
@@ -149,3 +151,21 @@ def test_an_unknown_set_is_refused_before_the_folder_is_bound(tmp_path, objects,
     with pytest.raises(NeuGraspError, match=words):
         args.run(args)
     assert not (tmp_path / "d").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--objects", "nothing"), "unknown object set 'nothing'"),
+        (("--gripper", "pandda"), "unknown gripper 'pandda'"),
+        (("--split", "held_out"), "the part 'held_out' of 'procedural' is empty"),
+    ],
+)
+def test_what_is_not_there_is_refused_before_the_folder_is_bound(
+    words, message, tmp_path
+):
+    out = tmp_path / "data"
+    args = parse("--out", str(out), "--objects", "procedural", *words)
+    with pytest.raises(NeuGraspError, match=message):
+        args.run(args)
+    assert not out.exists()

@@ -5,6 +5,7 @@ import pytest
 
 from neugrasp_ros.cli.main import main
 from neugrasp_ros.cli.robot import parse_share
+from neugrasp_ros.model import default_weights, file_sha256
 
 
 def test_a_share_is_counted_from_one():
@@ -35,7 +36,8 @@ def test_what_cannot_be_measured_ends_with_a_sentence(words, sentence, capsys):
 
 def test_rounds_that_are_kept_are_pooled_and_not_run_again(tmp_path, capsys):
     round_ = {
-        "index": 0, "kind": "table:pile", "objects": ["a"], "cleared": ["a"],
+        "index": 0, "seed": 5, "weights_sha256": file_sha256(default_weights()),
+        "kind": "table:pile", "objects": ["a"], "cleared": ["a"],
         "ended": "cleared", "attempts": [], "skips": [], "largest_contact": 1.5,
         "contact_link": "x", "simulated": 1.0, "wall": 2.0,
         "limits": {
@@ -45,7 +47,9 @@ def test_rounds_that_are_kept_are_pooled_and_not_run_again(tmp_path, capsys):
     (tmp_path / "round_000.json").write_text(json.dumps(round_))
     path = tmp_path / "figures.json"
     arguments = ["--rounds", "1", "--keep", str(tmp_path), "--json", str(path)]
-    assert main(["robot", "clear", *arguments]) == 0
+    assert main(["robot", "clear", *arguments, "--seed", "6"]) == 1
+    assert "seed is 5, this run's is 6" in capsys.readouterr().err
+    assert main(["robot", "clear", *arguments, "--seed", "5"]) == 0
     figures = json.loads(path.read_text())
     assert figures["cleared"] == 1 and figures["contact_newton"]["largest"] == 1.5
     assert len(figures["weights_sha256"]) == 64 and figures["command"]

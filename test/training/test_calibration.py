@@ -42,7 +42,8 @@ def test_calibration_brings_means_to_their_rates_and_says_how_good_it_is(rendere
     assert torch.equal(network.affordance_calibration[0], same)
     assert not torch.equal(network.affordance_calibration[1], same)
     assert torch.equal(network.affordance_calibration[2], same)
-    scores = predict(network, GraspCache(rendered / "tune_grasps").entries)
+    (renders,) = rendered.glob("tune_grasps*")
+    scores = predict(network, GraspCache(renders).entries)
     assert scores.quality.mean() == pytest.approx(scores.labels.mean(), abs=0.02)
     pour = scores.affordances[scores.known, 1].mean()
     assert pour == pytest.approx(scores.afforded[scores.known, 1].mean(), abs=0.02)
@@ -52,3 +53,7 @@ def test_calibration_brings_means_to_their_rates_and_says_how_good_it_is(rendere
     calibrate(network, rendered, [labels], quality=False)
     assert network.calibration[1] == was[1] + 0.5
     assert not torch.equal(network.affordance_calibration[1], same)
+    assert list(rendered.glob("tune_grasps*")) == [renders]
+    calibrate(diamond_network(NETWORK, CENTER, 0.05), rendered, [labels])
+    (others,) = rendered.glob("tune_grasps*")  # another network's own renders
+    assert others != renders

@@ -63,3 +63,23 @@ def test_without_heads_or_labels_there_are_no_affordance_figures():
     assert "ap" not in report([view_of(0)], (), rng)
     unknown = [view_of(0, known=False)]
     assert "ap" not in report(unknown, NETWORK.affordances, rng)
+
+
+def test_views_of_one_scene_are_drawn_together():
+    views = [view_of(index) for index in range(3)]
+    views[1].scores.labels[:2] = 0
+    once, twice = (
+        report(some, (), np.random.default_rng(0)) for some in (views, [*views, *views])
+    )
+    assert (twice["scenes"], twice["views"]) == (3, 6)
+    assert twice["quality"]["grasps"] == 2 * once["quality"]["grasps"]
+    assert twice["quality"]["ece_ci"] == pytest.approx(once["quality"]["ece_ci"])
+    assert twice["tried"]["ece_ci"] == pytest.approx(once["tried"]["ece_ci"])
+
+
+def test_what_nobody_tried_has_no_figures():
+    view = view_of(0)
+    view.tried[:] = False
+    figures = report([view], (), np.random.default_rng(0))
+    assert figures["tried"]["grasps"] == 0
+    assert figures["tried"]["ece"] is None and figures["tried"]["ece_ci"] is None
