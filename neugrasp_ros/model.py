@@ -14,7 +14,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from neugrasp_ros.config import NetworkConfig, override
-from neugrasp_ros.errors import CheckpointError, NeuGraspError
+from neugrasp_ros.errors import CheckpointError, ConfigError, NeuGraspError
 from neugrasp_ros.grasp.pointnet import DETECTORS
 from neugrasp_ros.resources import weights_dir
 from neugrasp_ros.scene.context import ContextNet
@@ -173,6 +173,23 @@ def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
         raise CheckpointError(path, f"unusable configuration ({error})") from error
     _load_exactly(network, tensors, path)
     return network.eval(), card
+
+
+def placed(network: GraspNetwork, device: str) -> GraspNetwork:
+    """Move a network to a torch device.
+
+    Raises:
+        ConfigError: If torch has no such device here, naming those it has.
+    """
+    try:
+        return network.to(device)
+    except (AssertionError, RuntimeError) as error:  # torch's word for "none here"
+        known = ["cpu", *(f"cuda:{i}" for i in range(torch.cuda.device_count()))]
+        reason = str(error).partition("\n")[0]
+        raise ConfigError(
+            f"device {device!r} cannot be used; torch {torch.__version__} has "
+            f"{', '.join(known)} here ({reason})"
+        ) from error
 
 
 def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:

@@ -4,6 +4,7 @@
 import importlib
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -90,11 +91,18 @@ class Suite:
             node.destroy_node()
 
 
+def reason(error: Exception) -> str:
+    """Return why the suite cannot start; of a bug with the traceback."""
+    if isinstance(error, NeuGraspError):
+        return str(error)
+    return f"{error!r}\n{''.join(traceback.format_exception(error))}"
+
+
 def main(args: list[str] | None = None) -> int:
     """Run all processing nodes until shutdown."""
     # SciPy looks for torch in every call; a callback must not find it half imported
     importlib.import_module("torch")
-    failed: list[NeuGraspError] = []
+    failed: list[Exception] = []
 
     def start(executor: Executor) -> Callable[[], None]:
         suite = Suite(executor)
@@ -104,8 +112,10 @@ def main(args: list[str] | None = None) -> int:
             get_logger(NAME).info("loading weights and robot; requests must wait")
             try:
                 suite.load()
-            except NeuGraspError as error:
-                get_logger(NAME).fatal(f"cannot start: {error}")
+            except Exception as error:  # noqa: BLE001 (requests would wait for ever)
+                if not executor.context.ok():  # ended meanwhile: that is no failure
+                    return
+                get_logger(NAME).fatal(f"cannot start: {reason(error)}")
                 failed.append(error)
                 executor.context.try_shutdown()
                 return

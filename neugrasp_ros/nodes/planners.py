@@ -27,6 +27,7 @@ def load_planner(config: PlannerConfig) -> SharedPlanner:
 
     Raises:
         CheckpointError: If the weights cannot be used.
+        ConfigError: If torch does not have the device here.
         UnknownNameError: If the gripper is not known.
     """
     from neugrasp_ros.pipeline import GraspPlanner  # pulls torch: seconds

@@ -19,7 +19,7 @@ from neugrasp_ros.grasp.contacts import expected_contacts
 from neugrasp_ros.grasp.coverage import propose_everywhere
 from neugrasp_ros.grasp.sampling import Proposals, SamplerConfig, choose
 from neugrasp_ros.grasp.types import GraspSet
-from neugrasp_ros.model import GraspNetwork, default_weights, file_sha256, load_network
+from neugrasp_ros.model import default_weights, file_sha256, load_network, placed
 from neugrasp_ros.pipeline.evaluation import Evaluator, Scored, ScoreMemory
 from neugrasp_ros.pipeline.scenes import (
     EncodedScene,
@@ -78,6 +78,7 @@ class GraspPlanner:
 
     Raises:
         CheckpointError: If the weights cannot be used.
+        ConfigError: If torch does not have the device here.
         UnknownNameError: If the gripper is not known.
     """
 
@@ -89,7 +90,7 @@ class GraspPlanner:
         path = Path(self.config.weights) if self.config.weights else default_weights()
         network, self.card = load_network(path)
         self.weights_sha256 = file_sha256(path)
-        self._network: GraspNetwork = network.to(self.config.device)
+        self._network = placed(network, self.config.device)
         self.affordances = network.config.affordances
         self.encoder_passes = 0
         self.timings: dict[str, float] = {}
