@@ -26,6 +26,7 @@ from neugrasp_ros.nodes.params import LiveConfig
 from neugrasp_ros.nodes.scene_file import SavedScene
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import FusionConfig, WorkspaceConfig
+from neugrasp_ros.nodes.waiting import WAKE_PERIOD, Stop, never
 
 FloatArray = NDArray[np.float64]
 Lookup = Callable[[str, str, int], FloatArray]
@@ -363,16 +364,20 @@ class DepthFusion:
         return self._valid_share
 
     def wait(
-        self, is_enough: Callable[[SceneView], bool], deadline: float
+        self,
+        is_enough: Callable[[SceneView], bool],
+        deadline: float,
+        stop: Stop = never,
     ) -> SceneView:
         """Return the scene as soon as it is enough, or as it is at the deadline.
 
         Args:
             is_enough: Asked after each image.
             deadline: Of ``time.monotonic()`` in [s].
+            stop: Whether to wait no longer.
 
         Raises:
-            DetectionError: As ``view``, at the deadline.
+            DetectionError: As ``view``, at the deadline; CANCELED where it is stopped.
         """
         with self._changed:
             while True:
@@ -385,4 +390,8 @@ class DepthFusion:
                 else:
                     if left <= 0 or is_enough(view):
                         return view
-                self._changed.wait(min(left, 0.5))
+                if stop():
+                    raise DetectionError(
+                        Code.CANCELED, "canceled while it waited for a depth image"
+                    )
+                self._changed.wait(min(left, WAKE_PERIOD))

@@ -24,6 +24,7 @@ from neugrasp_ros.nodes.requests import REACH_FIRST, REACH_LAST, Wanted
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.selection import ranked, with_query
 from neugrasp_ros.nodes.settings import ServerConfig
+from neugrasp_ros.nodes.waiting import Stop
 
 FloatArray = NDArray[np.float64]
 
@@ -62,8 +63,17 @@ class Stages(Protocol):
     def frames(self) -> tuple[str, ...]:
         """Return the names of all known frames."""
 
-    def scene(self, wanted: Wanted, newer_than: int, deadline: float) -> SceneView:
-        """Return a scene as fresh as wanted, newer than a time in [ns] (0 = any)."""
+    def scene(
+        self,
+        wanted: Wanted,
+        newer_than: int,
+        deadline: float,
+        stop: Stop,
+    ) -> SceneView:
+        """Return a scene as fresh as wanted, newer than a time in [ns] (0 = any).
+
+        ``stop`` ends the wait for images with ``DetectionError`` CANCELED.
+        """
 
     def sample(
         self, view: SceneView, roi: Box | None, wanted: Wanted, deadline: float
@@ -94,7 +104,8 @@ class Progress:
     """How a running detection talks to whoever asked for it.
 
     Attributes:
-        canceled: Asked between two steps; True ends the detection.
+        canceled: Asked between two steps and while it waits for an image or its turn;
+            True ends the detection.
         report: Told the stage, the share done and the grasps so far.
     """
 
@@ -161,7 +172,9 @@ class Detection:
         query = parse_query(wanted.affordance, stages.labels(self._deadline))
         self._require_names()
         self._step("fusion")
-        view = stages.scene(wanted, self._newer_than, self._deadline)
+        view = stages.scene(
+            wanted, self._newer_than, self._deadline, self._progress.canceled
+        )
         report.views = view.volume.view_count
         report.seconds_fusion = view.seconds
         stages.transform(wanted.frame_id, view.frame_id, NEWEST)  # or why not

@@ -55,6 +55,12 @@ class PatientExecutor(MultiThreadedExecutor):
     def __init__(self, num_threads: int, **context: Any) -> None:
         super().__init__(num_threads, **context)
         self._executor = self._pool = _Pool(num_threads)
+        self._draining = False
+
+    @property
+    def draining(self) -> bool:
+        """Whether callbacks that wait should return: no more are taken."""
+        return self._draining
 
     def drain(self, timeout: float = DRAIN_TIME) -> bool:
         """Take no more callbacks and wait for those taken, at most ``timeout`` [s].
@@ -62,9 +68,11 @@ class PatientExecutor(MultiThreadedExecutor):
         Returns:
             Whether all have ended.
         """
+        self._draining = True
         return self._pool.drain(timeout)
 
     def shutdown(self, timeout_sec: float | None = DRAIN_TIME) -> bool:
         """Wait for the callbacks that run, then end; tell whether all have ended."""
+        self._draining = True
         drained = self._pool.drain(timeout_sec)
         return bool(super().shutdown(timeout_sec)) and drained

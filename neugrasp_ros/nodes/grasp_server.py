@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node ``grasp_server``: a request for grasps, as a service and as an action."""
 
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +20,7 @@ from neugrasp_ros.nodes.compat.tf import Buffer, TransformListener
 from neugrasp_ros.nodes.conversions import to_grasp_array
 from neugrasp_ros.nodes.detection import Detection, Outcome, Progress, Stages
 from neugrasp_ros.nodes.grasp_list import GraspList
-from neugrasp_ros.nodes.outcomes import Code, DetectionError, as_detection_error
+from neugrasp_ros.nodes.outcomes import Code, as_detection_error
 from neugrasp_ros.nodes.params import declare_config
 from neugrasp_ros.nodes.qos import newest, overrides, sensor_input
 from neugrasp_ros.nodes.remote_stages import RemoteStages
@@ -31,6 +30,7 @@ from neugrasp_ros.nodes.selection import describe
 from neugrasp_ros.nodes.settings import ServerConfig
 from neugrasp_ros.nodes.target_mask import Camera
 from neugrasp_ros.nodes.transforms import Transforms
+from neugrasp_ros.nodes.waiting import Turns, is_ending
 from neugrasp_ros.nodes.work import LatestWorker, log_bug, shielded
 
 NAME = "grasp_server"
@@ -50,8 +50,7 @@ class GraspServerNode(Node):
             self._listener = TransformListener(buffer, self)
             stages = RemoteStages(self, Transforms(buffer))
         self._stages = stages
-        self._turn = threading.Lock()  # held by the one request that runs
-        self._preempted = threading.Event()
+        self._turn = Turns(lambda: is_ending(self))
         self._camera: Camera | None = None  # that the masks of requests belong to
         self._no_camera = ""  # why the camera info that came is of no use
         self._executed = 0  # when a grasp was last executed [ns]
@@ -129,7 +128,7 @@ class GraspServerNode(Node):
             self.get_logger().warning("goal rejected: another request is running")
             return GoalResponse.REJECT
         if policy == "preempt":
-            self._preempted.set()
+            self._turn.preempt()
         return GoalResponse.ACCEPT
 
     def _on_goal_execute(self, goal: Any) -> DetectAction.Result:
@@ -159,16 +158,12 @@ class GraspServerNode(Node):
         try:
             config = self._config.current
             wanted = read_request(request, config, self._camera, self._no_camera)
-            if not self._turn.acquire(timeout=wanted.timeout):
-                raise DetectionError(
-                    Code.TIMEOUT, f"another request ran for {wanted.timeout} s"
-                )
+            ticket = self._turn.acquire(wanted.timeout, progress.canceled)
             try:
-                self._preempted.clear()
                 fresh = wanted.scene != SCENES["current"]
                 newer_than = asked if fresh else self._executed
                 stop = progress.canceled
-                progress.canceled = lambda: stop() or self._preempted.is_set()
+                progress.canceled = lambda: stop() or ticket.is_void()
                 detection = Detection(
                     self._stages, config, wanted, progress, newer_than
                 )
@@ -176,7 +171,7 @@ class GraspServerNode(Node):
                 if outcome.report.views and self._executed == newer_than:
                     self._executed = 0  # seen since; no later request need wait
             finally:
-                self._turn.release()
+                self._turn.release(ticket)
         except NeuGraspError as error:
             reason = as_detection_error(error)
             outcome.report.code = int(reason.code)

@@ -19,6 +19,7 @@ from neugrasp_ros.nodes.reach_stage import ReachStage
 from neugrasp_ros.nodes.requests import SCENES, Wanted
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.transforms import Transforms
+from neugrasp_ros.nodes.waiting import Stop, never
 
 Part = TypeVar("Part")
 
@@ -74,7 +75,13 @@ class LocalStages(Stages):
         """Return the names of all known frames."""
         return self._transforms.frames()
 
-    def scene(self, wanted: Wanted, newer_than: int, deadline: float) -> SceneView:
+    def scene(
+        self,
+        wanted: Wanted,
+        newer_than: int,
+        deadline: float,
+        stop: Stop = never,
+    ) -> SceneView:
         """Return a scene as fresh as wanted."""
         if wanted.scene == SCENES["reset"]:
             loaded(self.fusion).reset()
@@ -83,6 +90,7 @@ class LocalStages(Stages):
                 v.is_newer(newer_than) and v.volume.view_count >= wanted.min_views
             ),
             deadline if newer_than or wanted.min_views > 1 else time.monotonic(),
+            stop,
         )
         require(view, wanted, newer_than)
         return view

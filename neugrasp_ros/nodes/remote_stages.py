@@ -39,6 +39,7 @@ from neugrasp_ros.nodes.planner_stages import Box, Staged
 from neugrasp_ros.nodes.requests import SCENES, Wanted
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.transforms import Transforms
+from neugrasp_ros.nodes.waiting import Stop, is_ending, never, wait_for
 from neugrasp_ros.nodes.work import from_timings
 
 LOOK_PERIOD = 0.05  # [s] after which an unchanged scene is looked at for its stamp
@@ -60,6 +61,7 @@ class RemoteStages(Stages):
             return node.create_client(kind, name, callback_group=group)
 
         self._transforms, self._log = transforms, node.get_logger()
+        self._ends: Stop = lambda: is_ending(node)
         self._reset = client(Trigger, "tsdf_fusion/reset")
         self._tsdf = client(GetTsdf, "tsdf_fusion/get_tsdf")
         self._sample = client(SampleGrasps, "scene_renderer/sample")
@@ -88,22 +90,29 @@ class RemoteStages(Stages):
 
     def labels(self, deadline: float) -> tuple[str, ...]:
         """Return the affordance classes."""
-        return tuple(call(self._list, ListAffordances.Request(), deadline).labels)
+        request = ListAffordances.Request()
+        return tuple(call(self._list, request, deadline, self._ends).labels)
 
     def require_arms(self, arms: tuple[str, ...], deadline: float) -> None:
         """Refuse planning groups that the robot does not have."""
         request = CheckReachability.Request(arms=list(arms))
         request.grasps.header.frame_id = "any"  # there is no grasp to look up
-        _good(call(self._check, request, deadline))
+        _good(call(self._check, request, deadline, self._ends))
 
     def frames(self) -> tuple[str, ...]:
         """Return the names of all known frames."""
         return self._transforms.frames()
 
-    def scene(self, wanted: Wanted, newer_than: int, deadline: float) -> SceneView:
+    def scene(
+        self,
+        wanted: Wanted,
+        newer_than: int,
+        deadline: float,
+        stop: Stop = never,
+    ) -> SceneView:
         """Return a scene as fresh as wanted."""
         if wanted.scene == SCENES["reset"]:
-            _good(call(self._reset, Trigger.Request(), deadline))
+            _good(call(self._reset, Trigger.Request(), deadline, stop))
         patient = bool(newer_than) or wanted.min_views > 1
         problem: DetectionError | None = None
         patience = 0.0  # [s] that the volume may be waited for, at first none
@@ -114,9 +123,11 @@ class RemoteStages(Stages):
             last = not patient or left <= 0
             request.timeout.nanosec = int(1e9 * max(min(patience, left), 0.0))
             try:
-                response = call(self._tsdf, request, deadline)
-            except DetectionError as late:
-                raise problem or late from None
+                response = call(self._tsdf, request, deadline, stop)
+            except DetectionError as error:
+                if error.code is Code.CANCELED:
+                    raise
+                raise problem or error from None
             if response.success:
                 problem, patience = None, LOOK_PERIOD
                 seconds = from_timings(response.message).get("fusion", 0.0)
@@ -150,7 +161,7 @@ class RemoteStages(Stages):
             request.roi_pose.pose = to_pose(roi.T_frame_box)
             for axis, edge in zip("xyz", roi.size.tolist(), strict=True):
                 setattr(request.roi_size, axis, edge)
-        response = _good(call(self._sample, request, deadline))
+        response = _good(call(self._sample, request, deadline, self._ends))
         grasps = from_grasp_array(response.candidates.candidates)
         seconds = from_timings(response.message)
         info = replace(grasps.info, stamp=view.stamp)
@@ -166,7 +177,7 @@ class RemoteStages(Stages):
         wait = begin(self._evaluate, request)
 
         def scores() -> Staged:
-            response = _good(wait(deadline))
+            response = _good(wait(deadline, self._ends))
             scored = from_grasp_array(response.grasps)
             row = {name: i for i, name in enumerate(scored.grasps.ids)}
             order = np.array([row[name] for name in grasps.grasps.ids], dtype=np.int64)
@@ -183,7 +194,7 @@ class RemoteStages(Stages):
         request = CheckReachability.Request(
             grasps=to_grasp_array(grasps), arms=list(arms)
         )
-        response = _good(call(self._check, request, deadline))
+        response = _good(call(self._check, request, deadline, self._ends))
         return from_grasp_array(response.grasps)
 
     def suggest_base(
@@ -196,7 +207,7 @@ class RemoteStages(Stages):
             grasps=to_grasp_array(grasps), arms=list(arms)
         )
         try:
-            response = _good(call(self._suggest, request, deadline))
+            response = _good(call(self._suggest, request, deadline, self._ends))
         except DetectionError as error:  # of a hint only, so the list is still good
             self._log.warning(f"no place for the base is suggested: {error}")
             return None
@@ -217,27 +228,31 @@ def _about(view: SceneView) -> EvaluateGrasps.Request:
     return EvaluateGrasps.Request(candidates=GraspCandidates(candidates=array))
 
 
-def call(client: Client, request: Any, deadline: float) -> Any:
+def call(client: Client, request: Any, deadline: float, stop: Stop) -> Any:
     """Call a service and wait for its answer; raises as what ``begin`` returns."""
-    return begin(client, request)(deadline)
+    return begin(client, request)(deadline, stop)
 
 
-def begin(client: Client, request: Any) -> Callable[[float], Any]:
+def begin(client: Client, request: Any) -> Callable[[float, Stop], Any]:
     """Call a service; its answer is waited for later.
 
     Returns:
-        Takes a deadline of ``time.monotonic()`` and waits for the answer, not in the
-        executor's only thread; raises ``DetectionError`` TIMEOUT at the deadline.
+        Takes a deadline of ``time.monotonic()`` and what says whether to stop, and
+        waits for the answer, not in the executor's only thread; raises
+        ``DetectionError`` TIMEOUT at the deadline and CANCELED where it is stopped.
     """
     done = threading.Event()
     future = client.call_async(request)
     future.add_done_callback(lambda _: done.set())
 
-    def wait(deadline: float) -> Any:
-        if done.wait(max(deadline - time.monotonic(), 0.0)):
+    def wait(deadline: float, stop: Stop) -> Any:
+        if wait_for(done, deadline, stop):
             return future.result()
         client.remove_pending_request(future)
-        raise DetectionError(Code.TIMEOUT, f"no answer from {client.srv_name} in time")
+        name = client.srv_name
+        if time.monotonic() < deadline:
+            raise DetectionError(Code.CANCELED, f"canceled while {name} worked")
+        raise DetectionError(Code.TIMEOUT, f"no answer from {name} in time")
 
     return wait
 

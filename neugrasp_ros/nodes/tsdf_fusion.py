@@ -37,6 +37,7 @@ from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.scene_file import read_scene, write_scene
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import FusionConfig
+from neugrasp_ros.nodes.waiting import is_ending
 from neugrasp_ros.nodes.work import answer, shielded, to_timings
 
 NAME = "tsdf_fusion"
@@ -210,7 +211,9 @@ class TsdfFusionNode(Node):
         def work() -> None:
             deadline = time.monotonic() + from_stamp(request.timeout) / 1e9
             view = self.fusion.wait(
-                lambda v: v.revision >= request.min_revision, deadline
+                lambda v: v.revision >= request.min_revision,
+                deadline,
+                lambda: is_ending(self),
             )
             self.publish(view)
             response.volume = to_tsdf(view)

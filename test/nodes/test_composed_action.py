@@ -2,6 +2,7 @@
 """Requests that meet each other, take long, are cancelled, or hit a bug."""
 
 import threading
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -122,6 +123,40 @@ def test_a_goal_can_be_canceled_and_a_second_one_is_rejected(bench, action, slow
 
 
 @pytest.fixture
+def silent(bench):
+    """Let the camera take no images meanwhile."""
+    bench.camera.sends = {"info"}
+    yield
+    bench.camera.sends = {"depth", "info"}
+
+
+def canceled(goal) -> DetectionReport:
+    """Cancel a goal that waits and return its report."""
+    start = time.monotonic()
+    result(goal.cancel_goal_async())
+    outcome = result(goal.get_result_async())
+    assert time.monotonic() - start < 2.0, "0.2 s are promised; the machine is busy"
+    assert outcome.status == GoalStatus.STATUS_CANCELED
+    return outcome.result.report
+
+
+@pytest.mark.parametrize(
+    "fields", [{"scene": DetectGrasps.Request.SCENE_FRESH}, {"min_views": 5}]
+)
+def test_a_goal_that_waits_for_an_image_can_be_canceled(
+    action, silent, wait_until, fields
+):
+    heard = []
+    goal = result(
+        action.send_goal_async(
+            DetectAction.Goal(**fields), lambda m: heard.append(m.feedback.stage)
+        )
+    )
+    wait_until(lambda: "fusion" in heard)
+    assert canceled(goal).code == DetectionReport.CANCELED
+
+
+@pytest.fixture
 def server(bench):
     server = bench.suite.nodes[1]
     yield server
@@ -136,6 +171,19 @@ def test_a_client_that_waits_in_vain_for_its_turn_is_told(
     report = ask(bench, timeout=duration(0.3)).report
     assert report.code == DetectionReport.TIMEOUT
     assert report.message == "another request ran for 0.3 s"
+    slow.go.set()
+    assert result(first).success
+
+
+def test_a_goal_that_waits_for_its_turn_can_be_canceled(
+    bench, action, slow, server, wait_until
+):
+    server.set_parameters([Parameter("goal_policy", value="queue")])
+    first = bench.user.client.call_async(DetectGrasps.Request(seed=1))
+    wait_until(server._turn.locked)
+    report = canceled(result(action.send_goal_async(DetectAction.Goal())))
+    assert report.code == DetectionReport.CANCELED
+    assert report.message == "canceled before its turn came"
     slow.go.set()
     assert result(first).success
 

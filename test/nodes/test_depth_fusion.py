@@ -304,3 +304,17 @@ def test_waiting_ends_with_what_is_wanted_or_at_the_deadline(rig):
     rig.fusion.reset()
     with pytest.raises(DetectionError, match="cleared"):
         rig.fusion.wait(lambda v: True, time.monotonic() + 0.05)
+
+
+def test_waiting_ends_when_nobody_wants_it_any_more(rig):
+    start = time.monotonic()
+    for view_is_there in (False, True):
+        if view_is_there:
+            rig.shoot()
+        with pytest.raises(DetectionError, match="canceled while it waited") as caught:
+            rig.fusion.wait(
+                lambda v: False, start + 30, lambda: time.monotonic() > start + 0.2
+            )
+        assert caught.value.code is Code.CANCELED
+    assert rig.fusion.wait(lambda v: True, start + 30, lambda: True).volume.view_count
+    assert time.monotonic() - start < 5

@@ -60,3 +60,14 @@ def test_a_loaded_scene_is_looked_at_in_the_newest_transforms(rig):
     view = scene_of(rig, stages, 0)
     found = stages.transform("base", CAMERA_FRAME, view.stamp)
     np.testing.assert_allclose(found, T)
+
+
+def test_who_waits_for_more_views_can_cancel(rig):
+    stages = LocalStages(Transforms(Buffer()))
+    stages.fusion = rig.fusion
+    wanted = read_request(DetectGrasps.Request(min_views=5), ServerConfig())
+    start = time.monotonic()
+    with pytest.raises(DetectionError) as caught:
+        stages.scene(wanted, 0, start + 30, lambda: time.monotonic() > start + 0.2)
+    assert caught.value.code is Code.CANCELED
+    assert time.monotonic() - start < 5
