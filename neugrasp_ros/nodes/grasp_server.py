@@ -34,12 +34,13 @@ from neugrasp_ros.nodes.waiting import Turns, is_ending
 from neugrasp_ros.nodes.work import LatestWorker, log_bug, shielded
 
 NAME = "grasp_server"
+THREADS = 6  # one request runs, three wait; replies of stages need one more
 LIST_TIME = 5.0  # [s]
 REPLY_FIRST = 0.02  # [s] that listeners wait, by when the answer has been sent
 
 
 class GraspServerNode(Node):
-    """Offer ``detect_grasps``; one request runs at a time."""
+    """Offer ``detect_grasps``; one request runs at a time, few wait."""
 
     def __init__(self, stages: Stages | None = None, **node_options: Any) -> None:
         """Wire service and action; without stages, ask the stage nodes' services."""
@@ -126,6 +127,9 @@ class GraspServerNode(Node):
         policy = self._config.current.goal_policy
         if self._turn.locked() and policy == "reject":
             self.get_logger().warning("goal rejected: another request is running")
+            return GoalResponse.REJECT
+        if policy == "queue" and self._turn.full():
+            self.get_logger().warning("goal rejected: too many requests wait")
             return GoalResponse.REJECT
         if policy == "preempt":
             self._turn.preempt()
@@ -225,4 +229,4 @@ def start(executor: Executor) -> Callable[[], None]:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until shutdown."""
-    return run(NAME, start, args, threads=6)
+    return run(NAME, start, args, threads=THREADS)

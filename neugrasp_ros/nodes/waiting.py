@@ -10,6 +10,7 @@ from rclpy.node import Node
 from neugrasp_ros.nodes.executor import PatientExecutor
 from neugrasp_ros.nodes.outcomes import Code, DetectionError
 
+MOST_WAITING = 3  # requests; each keeps a thread of the executor, which needs some more
 WAKE_PERIOD = 0.1  # [s] after which who waits looks whether to stop
 
 Stop = Callable[[], bool]
@@ -48,7 +49,7 @@ class Ticket:
 
 
 class Turns:
-    """Lets one request run at a time; the others wait, each in its own thread.
+    """Lets one request run at a time; a few others wait, each in its own thread.
 
     Args:
         ends: Whether nobody shall run or wait any more.
@@ -59,16 +60,22 @@ class Turns:
         self._turn = threading.Lock()  # held by the request that runs
         self._changing = threading.Lock()
         self._tickets: set[Ticket] = set()
+        self._waiting: set[Ticket] = set()
 
     def locked(self) -> bool:
         """Tell whether a request runs."""
         return self._turn.locked()
+
+    def full(self) -> bool:
+        """Tell whether so many wait that one more would be refused."""
+        return len(self._waiting) >= MOST_WAITING
 
     def preempt(self) -> None:
         """Ask whoever runs or waits now to leave."""
         with self._changing:
             for ticket in self._tickets:
                 ticket.preempted = True
+            self._waiting.clear()  # who asks for their place is not refused
 
     def acquire(self, timeout: float, stop: Stop) -> Ticket:
         """Wait for the turn; it is held until ``release``.
@@ -78,11 +85,11 @@ class Turns:
             stop: Whether to wait no longer.
 
         Raises:
-            DetectionError: TIMEOUT; or CANCELED, where it is stopped or preempted.
+            DetectionError: TIMEOUT, at once if too many wait already; or CANCELED,
+                where it is stopped or preempted.
         """
-        ticket, deadline = Ticket(self._ends), time.monotonic() + timeout
-        with self._changing:
-            self._tickets.add(ticket)
+        deadline = time.monotonic() + timeout
+        ticket = self._join()
         try:
             while not self._turn.acquire(timeout=_slice(deadline)):
                 if stop() or ticket.is_void():
@@ -94,6 +101,22 @@ class Turns:
         except BaseException:
             self._forget(ticket)
             raise
+        with self._changing:
+            self._waiting.discard(ticket)
+        return ticket
+
+    def _join(self) -> Ticket:
+        """Return the ticket of one more who waits, if it may."""
+        with self._changing:
+            if self.full():
+                raise DetectionError(
+                    Code.TIMEOUT,
+                    f"busy: {len(self._waiting)} requests wait for another one; "
+                    "ask again later",
+                )
+            ticket = Ticket(self._ends)
+            self._tickets.add(ticket)
+            self._waiting.add(ticket)
         return ticket
 
     def release(self, ticket: Ticket) -> None:
@@ -104,6 +127,7 @@ class Turns:
     def _forget(self, ticket: Ticket) -> None:
         with self._changing:
             self._tickets.discard(ticket)
+            self._waiting.discard(ticket)
 
 
 def wait_for(done: threading.Event, deadline: float, stop: Stop) -> bool:

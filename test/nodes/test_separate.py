@@ -21,11 +21,14 @@ from neugrasp_msgs.srv import (  # noqa: E402
     ListAffordances,
     SampleGrasps,
 )
-from nodes.bench import mask_of  # noqa: E402
+from nodes.bench import duration, mask_of, result  # noqa: E402
 from nodes.separate_bench import SeparateBench  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from neugrasp_ros.nodes.conversions import from_grasp_array, from_tsdf  # noqa: E402
+from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
+from neugrasp_ros.nodes.grasp_server import THREADS, GraspServerNode  # noqa: E402
+from neugrasp_ros.nodes.runtime import SpinThread  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -69,6 +72,35 @@ def test_separate_and_composed_give_the_same_grasps_and_scores(bench):
     for report in (separate.report, composed.report):
         assert report.sampled and report.after_reachability == len(a)
         assert report.seconds_quality > 0 and report.seconds_fusion > 0
+
+
+@pytest.fixture
+def few(bench):
+    """Yield a client of a server with as many threads as it has as a process."""
+    executor = PatientExecutor(THREADS)
+    names = ["__node:=few", "detect_grasps:=few/detect_grasps"]
+    server = GraspServerNode(cli_args=["--ros-args", "-r", names[0], "-r", names[1]])
+    executor.add_node(server)
+    spinning = SpinThread(executor)
+    client = bench.user.create_client(DetectGrasps, names[1].split("=")[1])
+    assert client.wait_for_service(timeout_sec=30.0)
+    yield client
+    spinning.stop()
+    server.destroy_node()
+
+
+def test_many_requests_at_once_leave_a_thread_for_the_stages_replies(few):
+    timeout = duration(20.0)
+    futures = [
+        few.call_async(DetectGrasps.Request(seed=5, timeout=timeout))
+        for _ in range(THREADS)
+    ]
+    answers = [result(future, 60.0) for future in futures]
+    refused = [a.report for a in answers if not a.success]
+    assert len(refused) <= 2
+    for report in refused:
+        assert report.code == DetectionReport.TIMEOUT
+        assert report.message.startswith("busy: 3 requests wait")
 
 
 def test_masks_and_unknown_names_are_treated_alike_in_both(bench):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +11,13 @@ pytest.importorskip("neugrasp_msgs")
 from neugrasp_ros.nodes.executor import PatientExecutor  # noqa: E402
 from neugrasp_ros.nodes.outcomes import Code, DetectionError  # noqa: E402
 from neugrasp_ros.nodes.remote_stages import begin  # noqa: E402
-from neugrasp_ros.nodes.waiting import Turns, is_ending, never, wait_for  # noqa: E402
+from neugrasp_ros.nodes.waiting import (  # noqa: E402
+    MOST_WAITING,
+    Turns,
+    is_ending,
+    never,
+    wait_for,
+)
 
 LONG = 30.0  # [s]
 SOON = 5.0  # [s], on a busy machine
@@ -74,6 +80,32 @@ def test_who_comes_later_preempts_all_before_it_and_not_itself(pool, wait_until)
     (third,) = waiting(pool, turns, wait_until)
     turns.release(first)
     assert not third.result(SOON).is_void()
+
+
+def test_one_more_than_may_wait_is_refused_at_once(pool, wait_until):
+    turns = Turns()
+    first = turns.acquire(LONG, never)
+    asked = waiting(pool, turns, wait_until, MOST_WAITING)
+    assert turns.full()
+    with pytest.raises(DetectionError, match="busy: 3 requests wait") as refused:
+        turns.acquire(LONG, never)
+    assert refused.value.code is Code.TIMEOUT
+    turns.release(first)
+    for request in as_completed(asked, LONG):
+        turns.release(request.result())
+    assert not turns.full() and not turns.locked()
+
+
+def test_who_preempts_is_not_refused_for_those_who_leave(pool, wait_until):
+    turns = Turns()
+    first = turns.acquire(LONG, never)
+    asked = waiting(pool, turns, wait_until, MOST_WAITING)
+    turns.preempt()
+    assert not turns.full()
+    last = pool.submit(turns.acquire, LONG, never)
+    assert [reason(request) for request in asked] == [Code.CANCELED] * len(asked)
+    turns.release(first)
+    assert not last.result(SOON).is_void()
 
 
 def test_the_end_of_the_process_ends_running_and_waiting(pool, wait_until):
