@@ -5,7 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -88,7 +88,7 @@ class Stages(Protocol):
     def check(
         self, grasps: GraspList, arms: tuple[str, ...], deadline: float
     ) -> GraspList:
-        """Check grasps against the robot."""
+        """Check grasps against the robot; none ask for the hand of the one arm."""
 
     def suggest_base(
         self, grasps: GraspList, arms: tuple[str, ...], deadline: float
@@ -185,6 +185,8 @@ class Detection:
         scored = with_query(self._score(grasps, view), query)
         scored = self._above(scored)
         best = ranked(scored, self._config)
+        if wanted.reachability == REACH_FIRST:
+            best = self._checked(best)
         self._outcome.grasps = self._answer(best)
         if wanted.reachability == REACH_LAST:
             best = self._reachable(best)
@@ -338,6 +340,17 @@ class Detection:
                 f"none of {len(grasps)} grasps can be reached: {reasons(codes)}",
             )
         return kept
+
+    def _checked(self, best: GraspList) -> GraspList:
+        """Say that grasps were checked before they were scored, and whose is the first.
+
+        The check named the hand of what came first then.
+        """
+        arms = best.reach.arms[:1] if best.reach else ()
+        nothing = best.take(np.arange(0))
+        info = self._stages.check(nothing, arms, self._deadline).info
+        named = replace(best.info, stage=info.stage, tcp_frame=info.tcp_frame)
+        return replace(best, info=named)
 
     def _hint(self, grasps: GraspList) -> None:
         """Say where the base would have to stand, if there is time to find out."""

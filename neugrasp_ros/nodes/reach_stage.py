@@ -260,7 +260,8 @@ class ReachStage:
         """Return the grasps, in their order, with what the robot makes of each.
 
         Args:
-            grasps: Grasps in any frame.
+            grasps: Grasps in any frame; none, with one arm, ask for that arm's hand:
+                ``tcp_frame`` of what is returned.
             arms: Planning groups to try; empty = the configured ones.
             start: Joint values by name; empty = the newest that came.
             before_batch: Called before each ``BATCH`` of grasps, for who can wait;
@@ -274,7 +275,10 @@ class ReachStage:
         self.require_arms(arms)
         info = grasps.info
         if not len(grasps):
-            return replace(grasps, info=replace(info, stage=STAGE_REACHABLE))
+            hand = self._checker.tcp_frame(arms[0]) if len(arms) == 1 else ""
+            hand = hand or info.tcp_frame
+            info = replace(info, stage=STAGE_REACHABLE, tcp_frame=hand)
+            return replace(grasps, info=info)
         poses = grasps.grasps.poses
         size = BATCH if before_batch else len(poses)
         parts: list[Checked] = []

@@ -232,7 +232,7 @@ class ExecuteConfig(ExecutorConfig, SupportConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServerConfig(SelectionConfig, PublishConfig):
+class ServerConfig(SelectionConfig):
     """Parameters of ``grasp_server``."""
 
     target_frame: str = option("base_footprint", "Frame of the answers")

@@ -208,6 +208,16 @@ def test_sampled_candidates_have_no_score_and_can_be_scored_and_checked(bench):
     assert codes == {Grasp.REACH_OK, Grasp.REACH_NO_IK}
 
 
+def test_the_hand_is_that_of_the_best_grasp_where_reach_comes_first(bench):
+    show(bench, RIGHT, LEFT)
+    for user in (bench.user, bench.other):
+        first = DetectGrasps.Request.REACH_FIRST
+        array = user.ask(scene=FRESH, reachability=first).grasps
+        side = array.grasps[0].arm.split("_")[1]
+        assert array.tcp_frame == f"gripper_{side}_tcp"
+        assert array.stage == GraspArray.STAGE_REACHABLE
+
+
 def test_where_the_base_would_have_to_stand_comes_from_the_other_process(bench):
     show(bench, RIGHT)
     report = bench.user.ask(scene=FRESH, arms=["arm_left_torso"]).report
