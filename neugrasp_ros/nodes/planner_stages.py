@@ -85,7 +85,7 @@ class RendererStage:
         config, planner = self._config.current, self._shared.planner
         require_surface(view, roi, config.support_height)
         with self._shared.timed() as seconds:
-            scene = self._shared.encode(view)
+            scene = self._shared.encode(view, config.support_height)
             grasps = planner.sample(
                 scene,
                 support_height=config.support_height,
@@ -138,15 +138,17 @@ class RendererStage:
         Raises:
             DetectionError: As ``sample``, without a region.
         """
-        require_surface(view, None, self._config.current.support_height)
+        support = self._config.current.support_height
+        require_surface(view, None, support)
         with self._shared.timed():
-            self._shared.encode(view)
+            self._shared.encode(view, support)
 
     def surface(self, view: SceneView) -> FloatArray:
         """Return the completed surface in the scene's frame: x, y, z, normal (N, 6)."""
-        planner = self._shared.planner
+        support = self._config.current.support_height
         with self._shared.timed():
-            rendered = planner.render(self._shared.encode(view))
+            scene = self._shared.encode(view, support)
+            rendered = self._shared.planner.render(scene)
         points = apply(view.T_frame_task, rendered.points)
         normals = rendered.normals @ view.T_frame_task[:3, :3].T
         return np.hstack([points, normals])
@@ -233,7 +235,7 @@ class EvaluatorStage:
     def prepare(self, view: SceneView) -> None:
         """Get ready to score in a scene; nothing to do if nothing was measured."""
         if view.volume.observed.any():
-            self._shared.prepare(view)
+            self._shared.prepare(view, self._config.current.support_height)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -300,11 +302,10 @@ class EvaluatorStage:
         planner = self._shared.planner
         if not len(grasps):
             return Staged(replace(grasps, info=replace(info, stage=STAGE_SCORED)), {})
+        support = self._config.current.support_height
         with self._shared.timed() as seconds:
-            scene = self._shared.encode(view)
-            scored = planner.evaluate(
-                scene, in_task, support_height=self._config.current.support_height
-            )
+            scene = self._shared.encode(view, support)
+            scored = planner.evaluate(scene, in_task, support_height=support)
             contacts = grasps.contacts.copy()
             missing = np.flatnonzero(np.isnan(contacts).any(axis=(1, 2)))
             found = planner.contacts(scene, in_task.take(missing))

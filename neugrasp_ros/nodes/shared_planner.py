@@ -26,7 +26,9 @@ class Planner(Protocol):
     encoder_passes: int
     timings: dict[str, float]
 
-    def encode(self, volume: TsdfVolume, revision: int) -> Any:
+    def encode(
+        self, volume: TsdfVolume, revision: int, *, support_height: float
+    ) -> Any:
         """Encode a volume, or return what the same revision gave before."""
 
     def prepare(self, scene: Any) -> None:
@@ -122,15 +124,21 @@ class SharedPlanner:
             yield seconds
             seconds.update(self.planner.timings)
 
-    def encode(self, view: SceneView) -> Any:
+    def encode(self, view: SceneView, support_height: float) -> Any:
         """Return a scene as the planner sees it; whoever calls holds the planner.
 
         A pass begun for somebody else counts as far as this one had to wait for it; of
         several who waited, the first is told.
+
+        Args:
+            view: The scene.
+            support_height: Height of the support plane in the task frame in [m].
         """
         planner, begin = self.planner, time.perf_counter()
         passes = planner.encoder_passes
-        scene = planner.encode(view.volume, view.revision)
+        scene = planner.encode(
+            view.volume, view.revision, support_height=support_height
+        )
         if planner.encoder_passes != passes:
             self._pass = view.revision, begin, time.perf_counter()
             return scene
@@ -141,16 +149,19 @@ class SharedPlanner:
             self._pass = revision, end, end  # told once, however many waited
         return scene
 
-    def prepare(self, view: SceneView) -> None:
+    def prepare(self, view: SceneView, support_height: float) -> None:
         """Encode a scene and get ready to score in it, before anybody asks.
 
-        The first to come meanwhile is told the time that this made it wait.
+        The first to come meanwhile is told the time that this made it wait. Arguments
+        are those of ``encode``.
         """
         with self.timed():
             begin = time.perf_counter()
             revision, pass_begin, pass_end = self._pass
             if revision == view.revision and pass_end > self._asked:
                 begin = pass_begin  # and nobody has been told of that pass
-            scene = self.planner.encode(view.volume, view.revision)
+            scene = self.planner.encode(
+                view.volume, view.revision, support_height=support_height
+            )
             self.planner.prepare(scene)
             self._pass = view.revision, begin, time.perf_counter()

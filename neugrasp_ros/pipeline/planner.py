@@ -26,7 +26,6 @@ from neugrasp_ros.pipeline.scenes import (
     EncodeSettings,
     RenderedScene,
     encode_scene,
-    same_volume,
     seen_scene,
 )
 from neugrasp_ros.scene.reference import NetworkOccupancy, render_reference
@@ -130,7 +129,8 @@ class GraspPlanner:
         Args:
             volume: A volume with voxels of the network's size.
             revision: Its revision; the same one is not encoded twice in a row.
-            support_height: Height of the support plane in the task frame in [m].
+            support_height: Height of the support plane in the task frame in [m]; says
+                in which cubes something stands.
 
         Raises:
             EmptySceneError: If no voxel was ever observed.
@@ -139,9 +139,8 @@ class GraspPlanner:
         """
         with self._lock:
             known = self._known.scene if self._known else None
-            if known is not None and known.revision == revision:
-                if known.volume is volume or same_volume(known.volume, volume):
-                    return known
+            if known and known.shows(volume, revision, support_height):
+                return known
             self.timings.pop("encoding", None)
             with self._timed("encoding"):
                 settings = EncodeSettings(

@@ -82,6 +82,7 @@ class EncodedScene:
         free: Voxels that were seen to be free, of the volume's shape.
         queries: Points that the network was asked for.
         cube_voxels: Voxels along a cube's edge, D.
+        support_height: Height in [m] up to which the cubes' choice took the support.
         occupancies: The cubes' compiled decoders.
     """
 
@@ -93,12 +94,22 @@ class EncodedScene:
     free: BoolArray
     queries: int
     cube_voxels: int
+    support_height: float
     occupancies: tuple[CompiledOccupancy, ...] = ()
 
     @property
     def edge(self) -> float:
         """Edge of a cube in [m]."""
         return self.cube_voxels * self.volume.voxel_size
+
+    def shows(self, volume: TsdfVolume, revision: int, support_height: float) -> bool:
+        """Tell whether encoding a volume would give this scene, as ``encode_scene``."""
+        if self.revision != revision:
+            return False
+        alone = volume.distances.shape == (self.cube_voxels,) * 3  # no cube to choose
+        if not alone and self.support_height != support_height:
+            return False
+        return self.volume is volume or same_volume(self.volume, volume)
 
     @property
     def boxes(self) -> list[Box]:
@@ -226,9 +237,10 @@ def encode_scene(
     free = seen_free(distances)
     if not len(corners):
         nothing = np.full(shape, FREE_LOGIT, dtype=np.float32)
-        none = torch.zeros(0)
+        none, support = torch.zeros(0), settings.support_height
+        field = ScalarGrid(nothing, voxel)
         return EncodedScene(
-            revision, volume, corners, none, ScalarGrid(nothing, voxel), free, 0, size
+            revision, volume, corners, none, field, free, 0, size, support
         )
     parts = [cut(distances, corner, size) for corner in corners]
     planes = encode_volumes(network, parts, settings.device, settings.threads)
@@ -250,7 +262,16 @@ def encode_scene(
         grid, asked = refined(values, free, voxel, cubes.ask, settings.threads)
         queries += asked
     return EncodedScene(
-        revision, volume, corners, planes, grid, free, queries, size, cubes.occupancies
+        revision,
+        volume,
+        corners,
+        planes,
+        grid,
+        free,
+        queries,
+        size,
+        settings.support_height,
+        cubes.occupancies,
     )
 
 

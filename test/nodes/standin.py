@@ -34,8 +34,12 @@ class SurfacePlanner:
         self.timings: dict[str, float] = {}
         self._encoded: Encoded | None = None
         self.prepared: list[int] = []  # revisions that got ready for scores
+        self.supports: list[float] = []  # heights that it was told to encode above [m]
 
-    def encode(self, volume: TsdfVolume, revision: int) -> Encoded:
+    def encode(
+        self, volume: TsdfVolume, revision: int, *, support_height: float
+    ) -> Encoded:
+        self.supports.append(support_height)
         known = self._encoded
         if known is None or known.revision != revision:
             self.encoder_passes += 1

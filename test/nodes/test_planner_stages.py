@@ -59,6 +59,17 @@ def test_a_scene_that_is_prepared_is_not_encoded_when_it_is_asked_about(shared, 
     assert shared.planner.encoder_passes == 1
 
 
+def test_a_scene_is_encoded_above_the_support_that_is_configured(shared, view):
+    renderer = RendererStage(shared, LiveConfig(RendererConfig(support_height=0.03)))
+    evaluator = EvaluatorStage(shared, LiveConfig(EvaluatorConfig(support_height=0.02)))
+    renderer.prepare(view)
+    grasps = renderer.sample(view, None, 8, 1).grasps
+    renderer.surface(view)
+    evaluator.prepare(view)
+    evaluator.evaluate(grasps, view)
+    assert shared.planner.supports == [0.03, 0.03, 0.03, 0.02, 0.02]
+
+
 def test_the_newest_scene_is_that_of_the_latest_revision(shared):
     stage = EvaluatorStage(shared, LiveConfig(EvaluatorConfig()))
     older, newer = NOWHERE, replace(NOWHERE, revision=2)

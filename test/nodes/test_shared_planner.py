@@ -23,7 +23,7 @@ class SlowPlanner:
         self.begun, self.prepared = threading.Event(), threading.Event()
         self._revision = -1
 
-    def encode(self, volume, revision):
+    def encode(self, volume, revision, *, support_height):
         if revision != self._revision:
             self.begun.set()
             time.sleep(PASS)
@@ -54,7 +54,7 @@ def view(revision: int) -> SceneView:
 
 def encoded(shared: SharedPlanner, revision: int) -> dict[str, float]:
     with shared.timed() as seconds:
-        assert shared.encode(view(revision)) == revision
+        assert shared.encode(view(revision), 0.05) == revision
     return seconds
 
 
@@ -87,7 +87,7 @@ def test_the_time_for_another_scene_does_not_count(shared):
 
 
 def test_getting_ready_counts_as_far_as_it_was_waited_for(shared):
-    other = threading.Thread(target=shared.prepare, args=(view(1),))
+    other = threading.Thread(target=shared.prepare, args=(view(1), 0.05))
     other.start()
     assert shared.planner.prepared.wait(5.0)  # encoded, and not ready yet
     start = time.perf_counter()
@@ -101,7 +101,7 @@ def told_who_asked(shared: SharedPlanner, asked: float) -> float:
     """Return what somebody is told who has waited since a time."""
     with shared.timed() as seconds:
         shared._asked = asked
-        shared.encode(view(1))
+        shared.encode(view(1), 0.05)
     return seconds["encoding"]
 
 
@@ -111,7 +111,7 @@ def test_getting_ready_does_not_count_what_others_did_since_the_pass(shared):
     with shared.timed():  # scoring, say
         time.sleep(PASS)
     begin = time.perf_counter()
-    shared.prepare(view(1))
+    shared.prepare(view(1), 0.05)
     most = time.perf_counter() - begin
     assert PASS <= told_who_asked(shared, asked) <= most
 
@@ -121,7 +121,7 @@ def test_getting_ready_counts_beside_a_pass_that_it_waited_for_itself(shared):
     maker.start()
     assert shared.planner.begun.wait(5.0)
     asked = time.perf_counter()
-    shared.prepare(view(1))
+    shared.prepare(view(1), 0.05)
     most = time.perf_counter() - asked
     maker.join()
     assert 1.3 * PASS < told_who_asked(shared, asked) <= most
@@ -129,7 +129,7 @@ def test_getting_ready_counts_beside_a_pass_that_it_waited_for_itself(shared):
 
 def test_of_several_who_wait_one_is_told(shared):
     told: list[dict[str, float]] = []
-    threads = [threading.Thread(target=shared.prepare, args=(view(1),))]
+    threads = [threading.Thread(target=shared.prepare, args=(view(1), 0.05))]
     threads[0].start()
     assert shared.planner.prepared.wait(5.0)
     for _ in range(2):
