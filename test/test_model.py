@@ -9,12 +9,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from neugrasp_ros.config import PAPER_NETWORK, NetworkConfig
-from neugrasp_ros.errors import (
-    CheckpointError,
-    ConfigError,
-    NeuGraspError,
-    UnknownNameError,
-)
+from neugrasp_ros.errors import CheckpointError, NeuGraspError, UnknownNameError
 from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
 from neugrasp_ros.grasp.pointnet import DECODERS, DETECTORS
 from neugrasp_ros.model import (
@@ -22,7 +17,6 @@ from neugrasp_ros.model import (
     GraspNetwork,
     file_sha256,
     load_network,
-    placed,
     quality_sha256,
     save_network,
     warm_start,
@@ -418,11 +412,3 @@ def test_a_rival_part_needs_no_change_elsewhere(rival_parts, tmp_path, parts):
     with torch.no_grad():
         for one, other in zip(score(loaded), score(network), strict=True):
             torch.testing.assert_close(one, other)
-
-
-def test_a_device_that_is_not_here_is_refused_with_those_that_are(network):
-    assert placed(network, "cpu") is network
-    absent = f"cuda:{torch.cuda.device_count()}"
-    for device in ("gpu", absent):
-        with pytest.raises(ConfigError, match=f"device '{device}' cannot.* has cpu"):
-            placed(network, device)
