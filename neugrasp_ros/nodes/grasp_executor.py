@@ -30,7 +30,7 @@ from neugrasp_ros.nodes.qos import latched, newest, overrides
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.sensing_robot import FreshViews, SensingRobot
 from neugrasp_ros.nodes.settings import ExecuteConfig
-from neugrasp_ros.nodes.solid_boxes import TOPIC, from_box_markers
+from neugrasp_ros.nodes.solid_boxes import TOPIC, KnownBoxes
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.work import answer, log_bug, shielded
 from neugrasp_ros.robot.model import load_robot
@@ -60,15 +60,21 @@ class GraspExecutorNode(Node):
         self._watch = SceneWatch(config.support_height)
         self._controllers = Controllers(self, robot, config.controllers)
         views = FreshViews(self, self._watch, self._on_tsdf, config.fresh_view)
-        self._hardware = SensingRobot(
-            self._controllers, mover, self._watch, views.wait, self._now
-        )
-        self._grasping = GraspExecutor(mover, self._hardware, config)
         if transforms is None:
             buffer = Buffer()
             self._listener = TransformListener(buffer, self)
             transforms = Transforms(buffer)
         self._transforms = transforms
+        self._boxes = KnownBoxes(self._base, transforms)
+        self._hardware = SensingRobot(
+            self._controllers,
+            mover,
+            self._watch,
+            views.wait,
+            self._now,
+            self._boxes.in_base,
+        )
+        self._grasping = GraspExecutor(mover, self._hardware, config)
         self._turn = threading.Lock()
         self._executed = self.create_publisher(GraspArray, "grasps/executed", newest())
         self._create_inputs()
@@ -78,7 +84,7 @@ class GraspExecutorNode(Node):
         group = ReentrantCallbackGroup()
         for kind, topic, callback in (
             (TsdfVolume, "tsdf", self._on_tsdf),
-            (MarkerArray, TOPIC, self._on_boxes),
+            (MarkerArray, TOPIC, self._boxes.remember),
         ):
             self.create_subscription(
                 kind,
@@ -111,10 +117,6 @@ class GraspExecutorNode(Node):
         T = self._transforms(self._base, view.frame_id, view.stamp)
         scene = SeenScene(view.volume, T @ view.T_frame_task, view.revision, view.stamp)
         self._watch.remember(scene)
-
-    def _on_boxes(self, message: MarkerArray) -> None:
-        boxes = from_box_markers(message, self._base, self._transforms)
-        self._hardware.boxes = boxes
 
     def _on_goal(self, _: Any) -> GoalResponse:
         """Accept a goal with the turn, so that none comes in before it starts."""

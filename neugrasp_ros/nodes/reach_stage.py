@@ -17,6 +17,7 @@ from neugrasp_ros.nodes.grasp_list import STAGE_REACHABLE, GraspList, Reach
 from neugrasp_ros.nodes.params import LiveConfig
 from neugrasp_ros.nodes.scene_view import SceneView
 from neugrasp_ros.nodes.settings import ReachConfig
+from neugrasp_ros.nodes.solid_boxes import KnownBoxes
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.robot.obstacles import SolidBox, make_obstacles
 
@@ -212,7 +213,7 @@ class ReachStage:
         joints: Returns the newest joint values by name.
 
     Attributes:
-        boxes: Known solid boxes in the robot's base frame.
+        boxes: Known solid boxes.
     """
 
     def __init__(
@@ -227,7 +228,7 @@ class ReachStage:
         self._transforms = transforms
         self._joints = joints
         self._view: SceneView | None = None
-        self.boxes: tuple[SolidBox, ...] = ()
+        self.boxes = KnownBoxes(checker.base_frame, transforms)
 
     @property
     def base_frame(self) -> str:
@@ -270,7 +271,8 @@ class ReachStage:
 
         Raises:
             ConfigError: If an arm is unknown.
-            DetectionError: If the frame is not connected to the robot's base.
+            DetectionError: If the frame, or that of a known box, is not connected to
+                the robot's base.
         """
         self.require_arms(arms)
         info = grasps.info
@@ -292,7 +294,7 @@ class ReachStage:
                     arms or self._config.current.arms,
                     start or self._joints(),
                     self._obstacles(),
-                    self.boxes,
+                    self.boxes.in_base(),
                 )
             parts.append(self._checker.check(T @ poses[first : first + size], *world))
         reach = Reach.joined([part.reach for part in parts])
@@ -332,7 +334,7 @@ class ReachStage:
             arms or self._config.current.arms,
             self._joints(),
             self._obstacles(),
-            self.boxes,
+            self.boxes.in_base(),
         )
 
     def _obstacles(self) -> FloatArray | None:

@@ -38,7 +38,7 @@ from neugrasp_ros.nodes.qos import latched, newest, overrides, sensor_input
 from neugrasp_ros.nodes.reach_stage import MakeChecker, ReachStage, load_checker
 from neugrasp_ros.nodes.runtime import run
 from neugrasp_ros.nodes.settings import ReachConfig
-from neugrasp_ros.nodes.solid_boxes import TOPIC, from_box_markers
+from neugrasp_ros.nodes.solid_boxes import TOPIC
 from neugrasp_ros.nodes.transforms import Transforms
 from neugrasp_ros.nodes.work import LatestWorker, answer, shielded
 
@@ -79,7 +79,6 @@ class ReachabilityFilterNode(Node):
         self.stage = ReachStage(
             make_checker(config), self._config, transforms, lambda: self._joints
         )
-        self._transforms = transforms
         self._worker = LatestWorker(self, self._stream)
         self._create_outputs()
         inputs = MutuallyExclusiveCallbackGroup()
@@ -88,7 +87,7 @@ class ReachabilityFilterNode(Node):
             (GraspArray, "grasps/answered", self._on_answered, newest()),
             (JointState, "joint_states", self._on_joints, sensor_input(1)),
             (TsdfVolume, "tsdf", self._on_tsdf, latched()),
-            (MarkerArray, TOPIC, self._on_boxes, latched()),
+            (MarkerArray, TOPIC, self.stage.boxes.remember, latched()),
         ):
             self.create_subscription(
                 kind,
@@ -126,10 +125,6 @@ class ReachabilityFilterNode(Node):
 
     def _on_tsdf(self, message: TsdfVolume) -> None:
         self.stage.remember(from_tsdf(message))
-
-    def _on_boxes(self, message: MarkerArray) -> None:
-        base = self.stage.base_frame
-        self.stage.boxes = from_box_markers(message, base, self._transforms)
 
     def _on_scored(self, message: GraspArray) -> None:
         if self._config.current.streaming:

@@ -114,9 +114,9 @@ class SensingRobot:
         watch: Remembers what was seen.
         wait_for_view: Waits for a view not older than a time in [ns].
         now: Returns the present time in [ns].
+        boxes: Returns the known solid boxes, in the base frame as it stands now.
 
     Attributes:
-        boxes: Known solid boxes.
         seen_in: The scene that the grasp was computed from; None = unknown.
     """
 
@@ -127,11 +127,11 @@ class SensingRobot:
         watch: SceneWatch,
         wait_for_view: Callable[[int], bool],
         now: Callable[[], int],
+        boxes: Callable[[], tuple[SolidBox, ...]] = lambda: (),
     ) -> None:
         self._driver, self._mover, self._watch = driver, mover, watch
-        self._wait_for_view, self._now = wait_for_view, now
+        self._wait_for_view, self._now, self._boxes = wait_for_view, now, boxes
         self._changed = 0  # when it last moved, or was told to look anew [ns]
-        self.boxes: tuple[SolidBox, ...] = ()
         self.seen_in: SeenScene | None = None
 
     def look_anew(self) -> None:
@@ -165,13 +165,17 @@ class SensingRobot:
         return self._driver.opening(gripper)
 
     def surroundings(self) -> Surroundings:
-        """Return what is seen now, without the robot itself, and the boxes."""
+        """Return what is seen now, without the robot itself, and the boxes.
+
+        Raises:
+            DetectionError: If the frame of a box is not connected to the base.
+        """
         self._wait_for_view(self._changed)
         points = self._watch.points()
         if len(points):
             collisions = self._mover.checker.collisions
             points = points[collisions.off_robot(points, self.configuration())]
-        return Surroundings(points, self.boxes)
+        return Surroundings(points, self._boxes())
 
     def has_moved(self, T_base_gripper: FloatArray) -> bool:
         """Tell whether the thing to grasp left its place since it was seen."""

@@ -203,6 +203,6 @@ def test_the_scene_of_a_grasp_is_found_by_number_or_by_time(rig):
 
 def test_boxes_that_are_told_are_around_the_robot(rig):
     table = LabelledBox("table", translation(0.6, 0, 0), np.array([0.6, 0.8, 0.03]))
-    rig.node._on_boxes(box_markers([table], "camera", to_stamp(0)))
-    (box,) = rig.node._hardware.boxes
+    rig.node._boxes.remember(box_markers([table], "camera", to_stamp(0)))
+    (box,) = rig.node._hardware.surroundings().boxes
     assert box.T_base_box == pytest.approx(translation(0.6, 0.0, 1.0))

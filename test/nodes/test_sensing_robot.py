@@ -16,11 +16,13 @@ from neugrasp_ros.errors import MotionError  # noqa: E402
 from neugrasp_ros.fusion.tsdf import empty_volume  # noqa: E402
 from neugrasp_ros.manipulation.scene_watch import SceneWatch, SeenScene  # noqa: E402
 from neugrasp_ros.nodes.conversions import from_stamp, to_stamp  # noqa: E402
+from neugrasp_ros.nodes.outcomes import Code, DetectionError  # noqa: E402
 from neugrasp_ros.nodes.sensing_robot import (  # noqa: E402
     SERVICE,
     FreshViews,
     SensingRobot,
 )
+from neugrasp_ros.robot.obstacles import SolidBox  # noqa: E402
 
 VOLUME = empty_volume((4, 4, 4), 0.3, 4.0)
 
@@ -55,9 +57,15 @@ class Rig:
         self.driver, self.watch = Driver(), SceneWatch(0.05)
         self.asked: list[int] = []
         mover = SimpleNamespace(checker=SimpleNamespace(collisions=None))
+        self.boxes: list[SolidBox] = []
         self.robot = SensingRobot(
-            self.driver, mover, self.watch, self.wait, lambda: self.time
+            self.driver, mover, self.watch, self.wait, lambda: self.time, self.known
         )
+
+    def known(self):
+        if self.boxes is None:
+            raise DetectionError(Code.TF_ERROR, "base <- map: not known")
+        return tuple(self.boxes)
 
     def wait(self, since: int) -> bool:
         self.asked.append(since)
@@ -76,6 +84,16 @@ def test_what_is_around_was_seen_after_the_last_motion():
     rig.time = 400
     rig.robot.surroundings()
     assert rig.asked == [100, 200, 300]
+
+
+def test_boxes_are_those_of_the_moment_or_there_is_no_answer():
+    rig = Rig()
+    assert rig.robot.surroundings().boxes == ()
+    rig.boxes.append(SolidBox(np.eye(4), np.ones(3)))
+    assert rig.robot.surroundings().boxes == tuple(rig.boxes)
+    rig.boxes = None
+    with pytest.raises(DetectionError, match="base <- map"):
+        rig.robot.surroundings()
 
 
 def test_a_motion_that_failed_has_changed_the_scene_too():
