@@ -4,9 +4,10 @@
 import threading
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
+from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
 from numpy.typing import NDArray
 from rclpy.action.client import ClientGoalHandle
@@ -14,12 +15,13 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from neugrasp_ros.errors import CanceledError, MotionError
+from neugrasp_ros.errors import CanceledError, MotionError, NeuGraspError
 from neugrasp_ros.geometry.finger_joint import joint_at, opening_at
 from neugrasp_ros.motion.limits import Trajectory
 from neugrasp_ros.nodes.compat.actions import ActionClient
+from neugrasp_ros.nodes.motion_deadline import MotionDeadline
 from neugrasp_ros.nodes.qos import overrides, sensor_input
-from neugrasp_ros.nodes.trajectories import Points, to_joint_trajectory
+from neugrasp_ros.nodes.trajectories import Points, to_joint_trajectory, to_seconds
 from neugrasp_ros.robot.model import RobotModel
 from neugrasp_ros.robot.urdf import finger_joints
 
@@ -27,8 +29,13 @@ FloatArray = NDArray[np.float64]
 
 POLL = 0.02  # [s]
 ANSWER_TIME = 10.0  # [s] that a controller may take to accept or to stop
+SLOWER = 2.0  # times as long as it was told to, a controller may move
 STATE_TIME = 5.0  # [s] that joint states may fail to come
 JAW_TIME = 0.7  # [s] of a jaw motion
+ENDS = {
+    GoalStatus.STATUS_CANCELED: "somebody else stopped it",
+    GoalStatus.STATUS_ABORTED: "the controller gave it up",
+}
 
 
 class Controllers:
@@ -45,6 +52,7 @@ class Controllers:
 
     def __init__(self, node: Node, robot: RobotModel, names: tuple[str, ...]) -> None:
         self._robot = robot
+        self._clock = node.get_clock()
         self._joints: Mapping[str, float] = {}
         self._arrived = 0.0
         self._stop = threading.Event()
@@ -129,7 +137,12 @@ class Controllers:
         return measures.max_opening
 
     def move_jaws(self, gripper: str, opening: float) -> None:
-        """Bring jaws to an opening in [m], or until they hold something."""
+        """Bring jaws to an opening in [m], or until they hold something.
+
+        Raises:
+            MotionError: If their controller refuses it or does not end it in time.
+            CanceledError: If it was stopped.
+        """
         joint = f"gripper_{gripper}_finger_joint"
         value = joint_at(self._robot.grippers[gripper], opening)
         points = Points(np.array([JAW_TIME]), np.array([[value]]), None, None)
@@ -143,7 +156,8 @@ class Controllers:
         """Carry out a motion.
 
         Raises:
-            MotionError: If a controller refuses it or cannot follow.
+            MotionError: If a controller refuses it, cannot follow, is stopped by
+                somebody else, or does not end it in time.
             CanceledError: If it was stopped; it stands still by then.
         """
         goals = {}
@@ -182,34 +196,66 @@ class Controllers:
         }
         for name, handle in handles.items():
             if not handle.accepted:
-                self._cancel(handles)
-                raise MotionError(f"{name} refused the motion")
+                _give_up(handles, MotionError(f"{name} refused the motion"))
         results = {name: h.get_result_async() for name, h in handles.items()}
+        told = max(_duration(goal) for goal in goals.values())
+        deadline = MotionDeadline(SLOWER * told + ANSWER_TIME, self._now)
         while not all(result.done() for result in results.values()):
             if self._stop.is_set():
-                self._cancel(handles)
-                raise CanceledError("stopped on the way, the arm stands still")
+                stopped = CanceledError("stopped on the way")
+                _give_up(handles, stopped)
             if strict and (failed := _failure(results)):
-                self._cancel(handles)
-                raise MotionError(failed)
+                _give_up(handles, MotionError(failed))
+            if deadline.is_over():
+                late = ", ".join(n for n, r in results.items() if not r.done())
+                words = f"{late} did not end a motion of {told:.1f} s in time"
+                _give_up(handles, MotionError(words))
             time.sleep(POLL)
         if strict and (failed := _failure(results)):
             raise MotionError(failed)
 
-    def _cancel(self, handles: Mapping[str, ClientGoalHandle]) -> None:
-        """Stop all motions and wait until the robot stands."""
-        accepted = [handle for handle in handles.values() if handle.accepted]
-        for handle in accepted:
-            handle.cancel_goal_async()
-        for handle in accepted:
-            _wait(handle.get_result_async(), ANSWER_TIME, "a controller")
+    def _now(self) -> int:
+        return int(self._clock.now().nanoseconds)
+
+
+def _duration(goal: FollowJointTrajectory.Goal) -> float:
+    return to_seconds(goal.trajectory.points[-1].time_from_start)
+
+
+def _give_up(handles: Mapping[str, ClientGoalHandle], why: NeuGraspError) -> NoReturn:
+    """Stop all motions, wait until the robot stands, and raise why.
+
+    Raises:
+        MotionError: Instead, if a controller does not answer: it may still move.
+    """
+    accepted = {name: handle for name, handle in handles.items() if handle.accepted}
+    for handle in accepted.values():
+        handle.cancel_goal_async()
+    silent = []
+    for name, handle in accepted.items():
+        try:
+            _wait(handle.get_result_async(), ANSWER_TIME, name)
+        except MotionError as error:
+            silent.append(str(error))
+    if silent:
+        raise MotionError(f"{why}; told to stop, {', '.join(silent)}") from why
+    raise why
 
 
 def _failure(results: Mapping[str, Any]) -> str:
-    """Return what went wrong with the motions that are over, empty if nothing."""
+    """Return what went wrong with the motions that are over, empty if nothing.
+
+    A motion that is cancelled has no error code, and arms that stopped on their way.
+    """
     for name, future in results.items():
-        if future.done() and future.result().result.error_code:
-            return f"{name}: {future.result().result.error_string}"
+        if not future.done():
+            continue
+        answer = future.result()
+        if answer.result.error_code:
+            return f"{name}: {answer.result.error_string}"
+        if answer.status != GoalStatus.STATUS_SUCCEEDED:
+            how = ENDS.get(answer.status, f"it ended with status {answer.status}")
+            return f"{name}: the motion did not succeed, {how}"
     return ""
 
 

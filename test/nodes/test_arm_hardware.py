@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("control_msgs")
 
+from action_msgs.srv import CancelGoal  # noqa: E402
 from control_msgs.action import FollowJointTrajectory  # noqa: E402
 from rclpy.action import ActionServer, CancelResponse  # noqa: E402
 from rclpy.callback_groups import ReentrantCallbackGroup  # noqa: E402
@@ -49,10 +50,10 @@ class Robot:
 
 
 class Controller:
-    """Takes trajectories; ends when told, or when it is cancelled."""
+    """Takes trajectories; ends when told, or when it is cancelled and not deaf."""
 
     def __init__(self, node, name) -> None:
-        self.goals, self.cancels = [], 0
+        self.goals, self.cancels, self.deaf = [], 0, False
         self.go, self.answer = threading.Event(), Result()
         self.server = ActionServer(
             node, FollowJointTrajectory, f"{name}/follow_joint_trajectory",
@@ -63,7 +64,7 @@ class Controller:
     def run(self, goal):
         self.goals.append(goal.request.trajectory)
         while not self.go.is_set():
-            if goal.is_cancel_requested:
+            if goal.is_cancel_requested and not self.deaf:
                 self.cancels += 1
                 goal.canceled()
                 return Result()
@@ -119,9 +120,10 @@ def rig(ros, wait_until):
     rig.close()
 
 
-def motion(names=JOINTS):
+def motion(names=JOINTS, seconds=1.5):
     positions = np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.3]])
-    return Trajectory(names, np.array([0.0, 1.5]), positions, positions * 2, positions)
+    times = np.array([0.0, seconds])
+    return Trajectory(names, times, positions, positions * 2, positions)
 
 
 class Running:
@@ -173,6 +175,39 @@ def test_one_controller_that_fails_stops_the_others(rig, wait_until):
     assert isinstance(error, MotionError)
     assert str(error) == "arm_left_controller: a joint is 0.2 behind"
     assert torso.cancels == 1
+
+
+def test_a_motion_that_somebody_else_stops_has_failed(rig, wait_until):
+    arm, torso = rig.ends["arm_left_controller"], rig.ends["torso_controller"]
+    name = "arm_left_controller/follow_joint_trajectory/_action/cancel_goal"
+    somebody = rig.nodes[0].create_client(CancelGoal, name)
+    wait_until(somebody.service_is_ready, what="the service")
+    run = Running(lambda: rig.hand.follow("g", motion()))
+    wait_until(lambda: arm.goals and torso.goals, what="both goals")
+    somebody.call_async(CancelGoal.Request())
+    error = run.end()
+    assert isinstance(error, MotionError)
+    assert str(error) == (
+        "arm_left_controller: the motion did not succeed, somebody else stopped it"
+    )
+    assert torso.cancels == 1
+
+
+@pytest.mark.parametrize("deaf", [False, True])
+def test_a_controller_that_does_not_end_is_not_waited_for_for_ever(
+    rig, monkeypatch, deaf
+):
+    monkeypatch.setattr(arm_hardware, "ANSWER_TIME", 1.0)
+    arm, torso = rig.ends["arm_left_controller"], rig.ends["torso_controller"]
+    arm.deaf = deaf
+    error = Running(lambda: rig.hand.follow("g", motion(seconds=0.1))).end()
+    assert isinstance(error, MotionError)
+    words = "did not end a motion of 0.1 s in time"
+    told = f"torso_controller, arm_left_controller {words}"
+    if deaf:
+        told += "; told to stop, arm_left_controller did not answer in 1 s"
+    assert str(error) == told
+    assert (arm.cancels, torso.cancels) == (0 if deaf else 1, 1)
 
 
 def test_a_stop_ends_the_motion_and_forbids_the_next(rig, wait_until):
