@@ -103,6 +103,16 @@ class GraspServerNode(Node):
     def _on_executed(self, _: GraspArray) -> None:
         self._executed = self._now()
 
+    def _last_execution(self) -> int:
+        """Return when a grasp was last executed in [ns]; 0 = not since it was seen.
+
+        One in the future was executed before time jumped back: no image of the new run
+        would be newer.
+        """
+        if self._executed > self._now():
+            self._executed = 0
+        return self._executed
+
     def _on_detect(
         self, request: DetectGrasps.Request, response: DetectGrasps.Response
     ) -> DetectGrasps.Response:
@@ -165,7 +175,7 @@ class GraspServerNode(Node):
             ticket = self._turn.acquire(wanted.timeout, progress.canceled)
             try:
                 fresh = wanted.scene != SCENES["current"]
-                newer_than = asked if fresh else self._executed
+                newer_than = asked if fresh else self._last_execution()
                 stop = progress.canceled
                 progress.canceled = lambda: stop() or ticket.is_void()
                 detection = Detection(

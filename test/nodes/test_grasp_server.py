@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
+from contextlib import nullcontext
+
 import pytest
 
 pytest.importorskip("neugrasp_msgs")
 
+from neugrasp_msgs.msg import GraspArray  # noqa: E402
 from neugrasp_msgs.srv import DetectGrasps  # noqa: E402
 from nodes.bench import LEFT, mask_of  # noqa: E402
 from nodes.synthetic import camera_info  # noqa: E402
@@ -13,7 +16,7 @@ from neugrasp_ros.nodes.compat.tf import Buffer  # noqa: E402
 from neugrasp_ros.nodes.detection import Progress  # noqa: E402
 from neugrasp_ros.nodes.grasp_server import GraspServerNode  # noqa: E402
 from neugrasp_ros.nodes.local_stages import LocalStages  # noqa: E402
-from neugrasp_ros.nodes.outcomes import Code  # noqa: E402
+from neugrasp_ros.nodes.outcomes import Code, DetectionError  # noqa: E402
 from neugrasp_ros.nodes.transforms import Transforms  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -38,3 +41,35 @@ def test_a_mask_of_a_camera_that_is_not_calibrated_says_so(spinner, wait_until):
     assert report.code == Code.NO_CAMERA_INFO
     assert "none has come yet" not in report.message
     wait_until(lambda: answers(camera_info(), "not ready: "), seconds=30.0)
+
+
+class NoScene:
+    """Stages that note how new a scene has to be, and have none."""
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def missing(self):
+        return []
+
+    def request(self):
+        return nullcontext()
+
+    def labels(self, deadline):
+        return ()
+
+    def scene(self, wanted, newer_than, deadline):
+        self.asked.append(newer_than)
+        raise DetectionError(Code.NO_DEPTH, "no scene here")
+
+
+def test_an_execution_before_time_jumped_back_is_forgotten(spinner, monkeypatch):
+    stages = NoScene()
+    server = spinner.add(GraspServerNode(stages))
+    for now in (900, 950, 100, 960):
+        monkeypatch.setattr(server, "_now", lambda now=now: now)
+        if now == 900:
+            server._on_executed(GraspArray())
+        report = server.detect(DetectGrasps.Request(), Progress()).report
+        assert report.message == "no scene here"
+    assert stages.asked == [900, 900, 0, 0]

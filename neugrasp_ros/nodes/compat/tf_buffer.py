@@ -69,11 +69,15 @@ class _Track:
         return None if self.static else self.samples[-1].stamp
 
     def add(self, sample: _Sample, cache: int) -> None:
-        """Take a sample, in the place of one of its time; forget old ones [ns]."""
+        """Take a sample, in the place of one of its time; forget old ones [ns].
+
+        One that is older than all that is kept is not late: time has jumped back, as
+        when a simulator starts anew, and what was known before is of another run.
+        """
         samples = self.samples
+        if samples and sample.stamp < samples[-1].stamp - cache:
+            samples.clear()
         oldest = max([sample, *samples[-1:]]).stamp - cache
-        if sample.stamp < oldest:
-            return
         index = bisect_left(samples, (sample.stamp,))
         if index < len(samples) and samples[index].stamp == sample.stamp:
             samples[index] = sample

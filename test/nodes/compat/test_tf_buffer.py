@@ -105,6 +105,25 @@ def test_only_the_last_ten_seconds_are_kept():
     look(buffer, "base", "arm", 2.5)
 
 
+def test_after_time_has_jumped_back_the_new_run_counts():
+    buffer = filled()
+    buffer.set_transform(to_transform(turned(0.0), "base", "arm", 99 * SECOND), "")
+    for second in (1, 2):
+        again = to_transform(turned(0.0, 5.0 + second), "base", "arm", second * SECOND)
+        buffer.set_transform(again, "")
+    np.testing.assert_allclose(look(buffer, "base", "arm", 0), turned(0.0, 7.0))
+    np.testing.assert_allclose(look(buffer, "base", "arm", 1.5), turned(0.0, 6.5))
+    with pytest.raises(ExtrapolationException, match="future"):
+        look(buffer, "base", "arm", 99.0)
+
+
+def test_a_late_sample_within_the_cache_does_not_clear_it():
+    buffer = filled()
+    buffer.set_transform(to_transform(turned(0.0, 4.0), "base", "arm", 11 * SECOND), "")
+    buffer.set_transform(to_transform(turned(0.0, 1.0), "base", "arm", 1 * SECOND), "")
+    np.testing.assert_allclose(look(buffer, "base", "arm", 0), turned(0.0, 4.0))
+
+
 def test_links_above_the_meeting_point_need_not_know_the_time():
     buffer = filled()
     buffer.set_transform(to_transform(turned(0.0), "odom", "base", SECOND), "")
