@@ -50,7 +50,8 @@ class Planning:
         wide = cube + self.extra_voxels
         volume = empty_volume((wide, wide, cube), CUBE * wide / cube)
         volume = integrate(volume, view.depth, view.intrinsics, view.T_task_camera)
-        return planner, planner.encode(volume, self.revision)
+        scene = planner.encode(volume, self.revision, support_height=look.table_height)
+        return planner, scene
 
     def candidates(
         self, look: Look, rng: np.random.Generator

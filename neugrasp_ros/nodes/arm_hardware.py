@@ -191,9 +191,7 @@ class Controllers:
             if not self._clients[name].server_is_ready():
                 raise MotionError(f"nobody offers {name}/follow_joint_trajectory")
         sent = {n: self._clients[n].send_goal_async(g) for n, g in goals.items()}
-        handles = {
-            name: _wait(future, ANSWER_TIME, name) for name, future in sent.items()
-        }
+        handles = _handles(sent)
         for name, handle in handles.items():
             if not handle.accepted:
                 _give_up(handles, MotionError(f"{name} refused the motion"))
@@ -220,6 +218,32 @@ class Controllers:
 
 def _duration(goal: FollowJointTrajectory.Goal) -> float:
     return to_seconds(goal.trajectory.points[-1].time_from_start)
+
+
+def _handles(sent: Mapping[str, Any]) -> dict[str, ClientGoalHandle]:
+    """Wait until all controllers have answered whether they take their goals.
+
+    Raises:
+        MotionError: If one does not answer; the others are stopped, and so is that one
+            if it takes its goal later.
+    """
+    handles: dict[str, ClientGoalHandle] = {}
+    silent: MotionError | None = None
+    for name, future in sent.items():
+        try:
+            handles[name] = _wait(future, ANSWER_TIME, name)
+        except MotionError as error:
+            silent = error
+            future.add_done_callback(_stop_late)
+    if silent:
+        _give_up(handles, silent)
+    return handles
+
+
+def _stop_late(accepting: Any) -> None:
+    handle = accepting.result()
+    if handle is not None and handle.accepted:
+        handle.cancel_goal_async()
 
 
 def _give_up(handles: Mapping[str, ClientGoalHandle], why: NeuGraspError) -> NoReturn:

@@ -12,7 +12,7 @@ pytest.importorskip("control_msgs")
 
 from action_msgs.srv import CancelGoal  # noqa: E402
 from control_msgs.action import FollowJointTrajectory  # noqa: E402
-from rclpy.action import ActionServer, CancelResponse  # noqa: E402
+from rclpy.action import ActionServer, CancelResponse, GoalResponse  # noqa: E402
 from rclpy.callback_groups import ReentrantCallbackGroup  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -55,11 +55,18 @@ class Controller:
     def __init__(self, node, name) -> None:
         self.goals, self.cancels, self.deaf = [], 0, False
         self.go, self.answer = threading.Event(), Result()
+        self.takes = threading.Event()
+        self.takes.set()
         self.server = ActionServer(
             node, FollowJointTrajectory, f"{name}/follow_joint_trajectory",
             self.run, callback_group=ReentrantCallbackGroup(),
             cancel_callback=lambda _: CancelResponse.ACCEPT,
+            goal_callback=self.accept,
         )  # fmt: skip
+
+    def accept(self, _):
+        self.takes.wait(20.0)
+        return GoalResponse.ACCEPT
 
     def run(self, goal):
         self.goals.append(goal.request.trajectory)
@@ -208,6 +215,20 @@ def test_a_controller_that_does_not_end_is_not_waited_for_for_ever(
         told += "; told to stop, arm_left_controller did not answer in 1 s"
     assert str(error) == told
     assert (arm.cancels, torso.cancels) == (0 if deaf else 1, 1)
+
+
+def test_a_controller_that_does_not_say_whether_it_moves_stops_all(
+    rig, monkeypatch, wait_until
+):
+    monkeypatch.setattr(arm_hardware, "ANSWER_TIME", 1.0)
+    arm, torso = rig.ends["arm_left_controller"], rig.ends["torso_controller"]
+    arm.takes.clear()
+    error = Running(lambda: rig.hand.follow("g", motion())).end()
+    assert isinstance(error, MotionError)
+    assert str(error) == "arm_left_controller did not answer in 1 s"
+    assert torso.cancels == 1
+    arm.takes.set()
+    wait_until(lambda: arm.cancels == 1, what="the cancel of the late goal")
 
 
 def test_a_stop_ends_the_motion_and_forbids_the_next(rig, wait_until):
