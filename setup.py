@@ -15,6 +15,7 @@ NODES = (
     "grasp_evaluator",
     "reachability_filter",
     "grasp_server",
+    "grasp_executor",
 )
 
 
@@ -51,6 +52,7 @@ setup(
         "console_scripts": [
             "neugrasp = neugrasp_ros.cli.main:main",
             *(f"{node} = neugrasp_ros.nodes.{node}:main" for node in NODES),
+            "grasp_suite = neugrasp_ros.nodes.composed:main",
             "sim_bridge = sim_bridge.bridge_node:main",
         ]
     },

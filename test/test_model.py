@@ -211,37 +211,6 @@ def test_the_papers_network_is_within_its_size():
     assert count == pytest.approx(33.9e6, rel=0.05)  # the paper's has a width head
 
 
-def test_weights_without_heads_start_a_network_that_has_them(tmp_path):
-    torch.manual_seed(1)
-    old = GraspNetwork(replace(SMALL, affordances=()))
-    save_network(old, tmp_path / "old.safetensors")
-    torch.manual_seed(2)
-    new = GraspNetwork(SMALL)
-    before = {k: v.clone() for k, v in new.state_dict().items()}
-    fresh = warm_start(new, tmp_path / "old.safetensors")
-    assert fresh
-    assert all("affordance" in key for key in fresh)
-    for key, value in new.state_dict().items():
-        expected = before[key] if key in fresh else old.state_dict()[key]
-        assert torch.equal(value, expected), key
-
-
-def test_weights_without_context_begin_one_with_it_as_they_were(network, weights):
-    new = GraspNetwork(replace(SMALL, context=4)).eval()
-    fresh = warm_start(new, weights)
-    assert fresh
-    assert all(key.startswith("context.") for key in fresh)
-    torch.manual_seed(0)
-    points, tokens = torch.randn(3, 5, POINT_FEATURES), torch.randn(3, TOKEN_FEATURES)
-    planes, context = torch.randn(3, 5, 12), torch.randn(3, 5, 6)
-    for old, now in zip(
-        network.detector(points, tokens, planes),
-        new.detector(points, tokens, planes, context),
-        strict=True,
-    ):
-        torch.testing.assert_close(now, old)
-
-
 @pytest.mark.parametrize("unet", ["plain", "residual"])
 def test_what_is_large_is_stored_in_half_precision_and_all_else_as_it_is(
     tmp_path, unet
@@ -263,16 +232,6 @@ def test_what_is_large_is_stored_in_half_precision_and_all_else_as_it_is(
         torch.testing.assert_close(again[key], tensor, rtol=tolerance, atol=1e-6)
 
 
-def test_weights_with_context_begin_one_without_it(network, weights, tmp_path):
-    wide = GraspNetwork(replace(SMALL, context=4)).eval()
-    warm_start(wide, weights)
-    save_network(wide, tmp_path / "wide.safetensors")
-    narrow = GraspNetwork(SMALL).eval()
-    assert warm_start(narrow, tmp_path / "wide.safetensors") == ()
-    for key, value in network.state_dict().items():
-        assert torch.equal(narrow.state_dict()[key], value), key
-
-
 def test_the_hash_of_the_quality_tells_what_else_differs_apart(weights):
     first = load_network(weights)[0]
     wider = GraspNetwork(replace(SMALL, context=4, part_head=True))
@@ -283,48 +242,6 @@ def test_the_hash_of_the_quality_tells_what_else_differs_apart(weights):
         other = load_network(weights)[0]
         other.state_dict()[key] += 1e-3
         assert quality_sha256(other) != quality_sha256(first), key
-
-
-def test_a_part_head_is_left_where_the_network_has_none(tmp_path):
-    torch.manual_seed(1)
-    save_network(
-        GraspNetwork(replace(SMALL, part_head=True)), tmp_path / "old.safetensors"
-    )
-    new = GraspNetwork(SMALL)
-    assert warm_start(new, tmp_path / "old.safetensors") == ()
-    old = load_network(tmp_path / "old.safetensors")[0].state_dict()
-    assert all(torch.equal(v, old[k]) for k, v in new.state_dict().items())
-
-
-@pytest.mark.parametrize("context", [0, 4])
-def test_heads_are_left_where_the_network_has_none(context, tmp_path):
-    torch.manual_seed(1)
-    save_network(
-        GraspNetwork(replace(SMALL, context=context)), tmp_path / "old.safetensors"
-    )
-    new = GraspNetwork(replace(SMALL, affordances=()))
-    assert warm_start(new, tmp_path / "old.safetensors") == ()
-    old = load_network(tmp_path / "old.safetensors")[0].state_dict()
-    assert all(torch.equal(v, old[k]) for k, v in new.state_dict().items())
-
-
-def test_weights_of_another_encoder_begin_the_rest(network, weights):
-    new = GraspNetwork(replace(SMALL, unet="residual")).eval()
-    fresh = warm_start(new, weights)
-    assert fresh and all(key.startswith("scene.") for key in fresh)
-    assert {key for key in new.state_dict() if key.startswith("scene.")} == set(fresh)
-    for key, value in new.state_dict().items():
-        assert key in fresh or torch.equal(value, network.state_dict()[key])
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [({"channels": 8}, "detector"), ({"affordances": ("a",)}, "detector.affordance")],
-)
-def test_weights_of_another_shape_do_not_start_a_network(weights, change, key):
-    network = GraspNetwork(replace(SMALL, **change))
-    with pytest.raises(CheckpointError, match=f"does not fit .*{key}"):
-        warm_start(network, weights)
 
 
 def test_affordance_probabilities_have_a_scale_and_a_bias_a_class(network):

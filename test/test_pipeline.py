@@ -387,8 +387,8 @@ def test_a_large_workspace_gives_what_its_cubes_give(weights, fresh):
 
 
 def test_a_large_workspace_without_a_thing_has_no_cubes(fresh):
-    wide = np.ones((60, SIZE, SIZE), dtype=np.float32)
-    volume = TsdfVolume(wide, np.ones_like(wide, np.uint8), EDGE / SIZE, 0.04, 1)
+    volume = empty_volume((60, SIZE, SIZE), 60 * EDGE / SIZE)
+    volume.distances[:] = 1.0
     scene = fresh.encode(volume, revision=1)
     assert len(scene.corners) == 0
     assert len(fresh.sample(scene)) == 0

@@ -36,14 +36,17 @@ def say(rounds: Sequence[RoundRecord], n_rounds: int) -> str:
 
 
 def source_commit() -> str:
-    """Return the commit of the source tree; empty outside a checkout."""
-    answer = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    """Return the commit of the source tree; empty outside a checkout or without git."""
+    try:
+        answer = subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"],
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    except OSError:
+        return ""
     return answer.stdout.strip()
 
 

@@ -8,9 +8,10 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from typing import Any
 
+from neugrasp_ros.cli.detect import count
 from neugrasp_ros.cli.processes import (
     PATIENCE,
     SIGNALS,
@@ -30,13 +31,13 @@ def add_parser(
     parser = subparsers.add_parser(
         "demo", help="clear a seeded table in the simulator; exit 0 if a grasp held"
     )
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=count, default=0)
     parser.add_argument(
-        "--scene", default="pile",
-        help="pile or packed; with --robot tiago also table, shelf, cupboard, or such "
-        "as shelf:packed",
+        "--scene",
+        help="pile, the default, or packed; with --robot tiago also table, shelf, "
+        "cupboard, or such as shelf:packed",
     )  # fmt: skip
-    parser.add_argument("--objects", type=int, default=5)
+    parser.add_argument("--objects", type=count, default=5)
     parser.add_argument(
         "--robot", choices=("gripper", "tiago"), default="gripper",
         help="a gripper alone, which is quick, or the whole TIAGo++",
@@ -56,10 +57,20 @@ def add_parser(
 
 
 def run(args: argparse.Namespace) -> int:
-    """Start the suite, clear the table, print the attempts; 0 if one lifted."""
-    from neugrasp_ros.benchmark.report import source_commit
+    """Start the suite, clear the table, print the attempts; 0 if one lifted.
+
+    Raises:
+        ConfigError: If options do not go together.
+    """
+    from neugrasp_ros.benchmark.report import source_commit, without_folders
+    from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.model import default_weights, file_sha256
 
+    if args.affordance and args.robot == "gripper" and args.scene:
+        raise ConfigError(
+            "--affordance has a scene of its own with --robot gripper: leave out "
+            f"--scene {args.scene}"
+        )
     if not default_weights().is_file():
         print(f"there are no trained weights at {default_weights()} yet: no demo")
         return 1
@@ -74,20 +85,25 @@ def run(args: argparse.Namespace) -> int:
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
+        done, died = Event(), Event()
+        watch = (suite, stopping, done, died)
+        Thread(target=_watch, args=watch, daemon=True).start()
         try:
             result = _clear(args, stopping)
         finally:
+            done.set()
             _stop(suite)
+    if died.is_set():
+        code = suite.returncode
+        print(f"failed: the suite ended with exit code {code}, see {log_path}")
+        return 1
     if stopping.is_set():
         print("stopped")
         return STOPPED
     if args.json:
         result["weights_sha256"] = file_sha256(default_weights())
         result["commit"] = source_commit()
-        result["command"] = (
-            f"neugrasp demo --robot {args.robot} --seed {args.seed} "
-            f"--scene {args.scene} --objects {args.objects}"
-        )
+        result["command"] = without_folders("neugrasp " + " ".join(sys.argv[1:]))
         args.json.parent.mkdir(parents=True, exist_ok=True)
         args.json.write_text(json.dumps(result, indent=1) + "\n")
     print(f"log of the suite: {log_path}")
@@ -118,7 +134,7 @@ def _clear(args: argparse.Namespace, stopping: Event) -> dict[str, Any]:
 
     return run_demo(
         DemoScene(
-            kind=args.scene,
+            kind=args.scene or "pile",
             seed=args.seed,
             n_objects=args.objects,
             affordance=args.affordance,
@@ -141,6 +157,16 @@ def _ask(args: argparse.Namespace, stopping: Event) -> dict[str, Any]:
         say=lambda line: print(line, flush=True),
         stopping=stopping,
     )
+
+
+def _watch(
+    suite: "subprocess.Popen[bytes]", stopping: Event, done: Event, died: Event
+) -> None:
+    """Stop the demonstration where its suite ends before it is done."""
+    suite.wait()
+    if not (done.is_set() or stopping.is_set()):
+        died.set()
+        stopping.set()
 
 
 def _stop(suite: "subprocess.Popen[bytes]") -> None:

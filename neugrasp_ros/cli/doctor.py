@@ -36,12 +36,22 @@ def add_parser(
 
 def run(args: argparse.Namespace) -> int:
     """Print every look; 1 if one of them found something wrong."""
-    findings = [look() for look in LOOKS]
-    for finding in findings:
-        print(f"{'ok   ' if finding.good else 'WRONG'} {finding.seen}")
+    all_good = True
+    for look in LOOKS:
+        finding = _finding(look)
+        all_good &= finding.good
+        print(f"{'ok   ' if finding.good else 'WRONG'} {finding.seen}", flush=True)
         if not finding.good:
             print(f"      {finding.remedy}")
-    return 0 if all(finding.good for finding in findings) else 1
+    return 0 if all_good else 1
+
+
+def _finding(look: Callable[[], Finding]) -> Finding:
+    """Look; what needs a package that is not there cannot."""
+    try:
+        return look()
+    except ImportError as error:
+        return Finding(False, str(error), "make setup")
 
 
 def look_at_python() -> Finding:

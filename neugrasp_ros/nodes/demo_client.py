@@ -45,6 +45,7 @@ SKIPS_TO_STOP = 3  # answers without a grasp
 START_TIMEOUT = 90.0  # [s], for the suite's first volume
 CALL_TIMEOUT = 30.0  # [s]
 SURFACE_TIMEOUT = 5.0  # [s], for the surface that belongs to an answer
+LARGEST_SEED = 2**32 - 1  # that a request holds
 LOADING_TIMEOUT = 90.0  # [s], for nodes that still load their model
 STAGES = (
     "fusion",
@@ -245,7 +246,7 @@ class DemoClient(Node):
         request = DetectGrasps.Request(
             scene=DetectGrasps.Request.SCENE_FRESH, affordance=affordance
         )
-        request.seed = seed + 1  # 0 would mean random
+        request.seed = seed % LARGEST_SEED + 1  # 0 would mean random
         deadline = time.monotonic() + LOADING_TIMEOUT
         while True:
             answer = self._call(self._detect, request)

@@ -70,7 +70,9 @@ class FusionConfig(Checked):
     )
     workspace: WorkspaceConfig = part(WorkspaceConfig, "Workspace")
     voxel_size: float = fixed(option(0.0046875, "Voxel edge [m]", 0.002, 0.02))
-    truncation_voxels: float = option(4.0, "Truncation [voxel]", 1.0, 20.0)
+    truncation_voxels: float = option(
+        4.0, "Truncation [voxel]; the shipped network reads 4 alone", 1.0, 20.0
+    )
     max_weight: int = option(
         16, "Views that a fused voxel remembers; few = quick to change", 1, 255
     )

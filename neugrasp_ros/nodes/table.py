@@ -37,7 +37,7 @@ PROCESSING = (
     NodeSpec("reachability_filter", "neugrasp_ros.nodes.reachability_filter"),
     NodeSpec("grasp_server", "neugrasp_ros.nodes.grasp_server", True, True),
 )
-COMPOSED = NodeSpec("neugrasp", "neugrasp_ros.nodes.composed", reads_depth=True)
+COMPOSED = NodeSpec("grasp_suite", "neugrasp_ros.nodes.composed", reads_depth=True)
 SIMULATOR = NodeSpec("sim_bridge", "sim_bridge.bridge_node")
 ROBOT_SIMULATOR = NodeSpec("sim_bridge", "sim_bridge.robot_bridge_node")
 EXECUTOR = NodeSpec("grasp_executor", "neugrasp_ros.nodes.grasp_executor", True)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from neugrasp_ros.config import RenderConfig
 from neugrasp_ros.errors import ConfigError, EmptySceneError, ShapeError
-from neugrasp_ros.fusion.tsdf import TsdfVolume, seen_surface
+from neugrasp_ros.fusion.tsdf import TRUNCATION_VOXELS, TsdfVolume, seen_surface
 from neugrasp_ros.geometry.grid import ScalarGrid
 from neugrasp_ros.geometry.support import ABOVE_SUPPORT
 from neugrasp_ros.scene.cubes import (
@@ -189,6 +189,8 @@ def check_volume(volume: TsdfVolume, size: int) -> None:
         size: Voxels along the edge of the network's cube, D.
 
     Raises:
+        ConfigError: If its distances are truncated elsewhere than those that networks
+            learn.
         ShapeError: If D voxels do not span the cube that networks learn.
         EmptySceneError: If no voxel was ever observed.
     """
@@ -199,6 +201,12 @@ def check_volume(volume: TsdfVolume, size: int) -> None:
             f"voxels of {EDGE / size:.6f} m, {size} along the {EDGE} m cube; "
             f"voxel_size {volume.voxel_size:.6f}",
             volume.distances.shape,
+        )
+    truncation = volume.truncation / volume.voxel_size
+    if abs(truncation - TRUNCATION_VOXELS) > EDGE_TOLERANCE * TRUNCATION_VOXELS:
+        raise ConfigError(
+            f"volume: its distances are truncated at {truncation:.2f} voxels; networks "
+            f"learn those that are at {TRUNCATION_VOXELS}"
         )
     if not volume.observed.any():
         raise EmptySceneError("no voxel of the volume was ever observed")

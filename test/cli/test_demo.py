@@ -58,6 +58,22 @@ def test_a_signal_ends_demo_and_suite_without_a_traceback(tmp_path, number, opti
     assert not is_alive(suite)
 
 
+def test_a_suite_that_ends_by_itself_ends_the_demo(tmp_path):
+    script = SCRIPT.replace("time.sleep(600)", "time.sleep(5); raise SystemExit(3)")
+    begin = time.monotonic()
+    demo = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path / "demo.png")],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    said = demo.stdout.splitlines()[-1]
+    assert demo.returncode == 1 and time.monotonic() < begin + 80
+    assert said == (
+        f"failed: the suite ended with exit code 3, see {tmp_path / 'demo.log'}"
+    )
+
+
 def _maps(pid: int) -> str:
     with open(f"/proc/{pid}/maps") as file:
         return file.read()

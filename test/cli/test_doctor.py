@@ -16,6 +16,19 @@ def test_what_is_wrong_is_shown_with_its_remedy(monkeypatch, capsys):
     assert "ok    sky" in said and "WRONG rain\n      umbrella" in said
 
 
+def test_a_look_that_lacks_a_package_is_a_finding_and_the_others_follow(
+    monkeypatch, capsys
+):
+    def needs_torch():
+        raise ModuleNotFoundError("No module named 'torch'", name="torch")
+
+    monkeypatch.setattr(doctor, "LOOKS", (needs_torch, lambda: Finding(True, "sky")))
+    assert run(argparse.Namespace()) == 1
+    said = capsys.readouterr().out
+    assert "WRONG No module named 'torch'\n      make setup" in said
+    assert "ok    sky" in said
+
+
 def test_all_fine_ends_with_zero(monkeypatch):
     monkeypatch.setattr(doctor, "LOOKS", (lambda: Finding(True, "sky"),))
     assert run(argparse.Namespace()) == 0

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import ast
+import importlib.metadata
 import importlib.util
 from pathlib import Path
 
@@ -29,9 +30,12 @@ def test_one_process_for_all_or_one_for_each_and_the_simulator_always_alone():
     assert suite(sim=True, separate=True) == (SIMULATOR, *PROCESSING)
 
 
-def test_every_module_exists():
-    for spec in (SIMULATOR, COMPOSED, *PROCESSING):
+def test_every_process_has_its_module_and_its_executable():
+    points = importlib.metadata.distribution("neugrasp_ros").entry_points
+    scripts = {p.name: p.value for p in points if p.group == "console_scripts"}
+    for spec in (SIMULATOR, COMPOSED, EXECUTOR, *PROCESSING):
         assert importlib.util.find_spec(spec.module), spec
+        assert scripts[spec.name] == f"{spec.module}:main"
 
 
 def test_only_those_who_compare_stamps_follow_the_clock():

@@ -27,7 +27,7 @@ def flat_thing(length: int) -> TsdfVolume:
     distances = np.ones((length, SIZE, SIZE), dtype=np.float32)
     distances[14:18, 14:18, 1:5] = 0.0
     weights = np.ones_like(distances, np.uint8)
-    return TsdfVolume(distances, weights, EDGE / SIZE, 0.04, 1)
+    return TsdfVolume(distances, weights, EDGE / SIZE, 4 * EDGE / SIZE, 1)
 
 
 def test_a_flat_thing_on_a_low_support_is_encoded(planner):
