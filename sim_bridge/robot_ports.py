@@ -6,7 +6,7 @@ answer, on a topic; a new one takes the place of the old one, as on the robot.
 """
 
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
@@ -15,11 +15,11 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectory
 
-from neugrasp_ros.errors import NeuGraspError
+from neugrasp_ros.errors import NeuGraspError, SimulationError
 from neugrasp_ros.nodes.qos import overrides
 from neugrasp_ros.nodes.trajectories import from_joint_trajectory
 from neugrasp_ros.nodes.work import shielded
-from sim_bridge.joint_drive import DriveState
+from sim_bridge.joint_drive import DriveState, JointDrive
 from sim_bridge.robot_world import RobotWorld
 
 POLL = 0.02  # [s]
@@ -27,8 +27,21 @@ GOAL_TOLERANCE = 0.02  # [rad] or [m] at the end of a trajectory
 PATH_TOLERANCE = 0.15  # [rad] or [m] on the way; more means that the arm is blocked
 SETTLE_TIME = 0.5  # [s] of simulated time after the end
 
-
 _Result = FollowJointTrajectory.Result
+
+
+class _Run(NamedTuple):
+    """A trajectory that a drive was told to follow.
+
+    Attributes:
+        drive: The drive; a new scene has another one.
+        turn: Number of the trajectory.
+        end: When it is over, in [s] of simulated time.
+    """
+
+    drive: JointDrive
+    turn: int
+    end: float
 
 
 class ControllerPort:
@@ -71,19 +84,19 @@ class ControllerPort:
         """End the action."""
         self._action.destroy()
 
-    def _start(self, message: JointTrajectory) -> tuple[int, float]:
-        """Have the drive follow a trajectory; return its number and its end in [s]."""
+    def _start(self, message: JointTrajectory) -> _Run:
+        """Have the drive follow a trajectory."""
         points = from_joint_trajectory(message, self._joints)
 
-        def begin() -> tuple[int, float]:
+        def begin() -> _Run:
             drive, now = self._world.drives[self._name], self._world.now
             track = drive.read(*points)
             drive.start(track, now)
             self._turn += 1  # in the physics thread, as the start itself
-            return self._turn, now + track.duration
+            return _Run(drive, self._turn, now + track.duration)
 
-        turn, end = self._world.do(begin).result()
-        return turn, end
+        run: _Run = self._world.do(begin).result()
+        return run
 
     def _on_message(self, message: JointTrajectory) -> None:
         self._start(message)
@@ -98,38 +111,41 @@ class ControllerPort:
 
     def _on_execute(self, goal: Any) -> FollowJointTrajectory.Result:
         try:
-            turn, end = self._start(goal.request.trajectory)
+            return self._wait(goal, self._start(goal.request.trajectory))
         except NeuGraspError as error:
             goal.abort()
             return _Result(error_code=_Result.INVALID_GOAL, error_string=str(error))
-        return self._wait(goal, turn, end)
 
-    def _wait(self, goal: Any, turn: int, end: float) -> FollowJointTrajectory.Result:
-        """Return what came of the trajectory that runs."""
+    def _wait(self, goal: Any, run: _Run) -> FollowJointTrajectory.Result:
+        """Return what came of the trajectory that runs.
+
+        Raises:
+            SimulationError: If its drive moves no more.
+        """
         while True:
-            if turn != self._turn:
+            error = self._error()
+            self._check(run.drive)  # afterwards, so that the error was this drive's
+            if run.turn != self._turn:
                 goal.abort()
                 return _Result(
                     error_code=_Result.INVALID_GOAL, error_string="another one came"
                 )
-            drive = self._world.drives[self._name]
             if goal.is_cancel_requested:
-                self._stop()
+                self._stop(run.drive)
                 goal.canceled()
                 return _Result(error_string="stopped on the way")
-            error = self._error()
             if not self._yields and error > PATH_TOLERANCE:
-                self._stop()
+                self._stop(run.drive)
                 goal.abort()
                 return _Result(
                     error_code=_Result.PATH_TOLERANCE_VIOLATED,
                     error_string=f"{self._name}: a joint is {error:.3f} behind",
                 )
-            over = drive.state is DriveState.HOLDING
+            over = run.drive.state is DriveState.HOLDING
             if over and (self._yields or error < GOAL_TOLERANCE):
                 goal.succeed()
                 return _Result(error_code=_Result.SUCCESSFUL)
-            if over and self._world.now > end + SETTLE_TIME:
+            if over and self._world.now > run.end + SETTLE_TIME:
                 goal.abort()
                 return _Result(
                     error_code=_Result.GOAL_TOLERANCE_VIOLATED,
@@ -137,11 +153,28 @@ class ControllerPort:
                 )
             time.sleep(POLL)
 
-    def _stop(self) -> None:
-        """Bring the drive to rest on its way; return when it stands."""
-        drive = self._world.drives[self._name]
+    def _check(self, drive: JointDrive) -> None:
+        """Refuse to wait for a drive that nobody asks for set points any more.
+
+        Its state would stay as it is for ever.
+
+        Raises:
+            SimulationError: If the world has ended, or has another drive by now.
+        """
+        if ended := self._world.ended:
+            raise SimulationError(ended)
+        if self._world.drives[self._name] is not drive:
+            raise SimulationError(f"{self._name}: a new scene came")
+
+    def _stop(self, drive: JointDrive) -> None:
+        """Bring a drive to rest on its way; return when it stands.
+
+        Raises:
+            SimulationError: If it moves no more before that.
+        """
         self._world.do(lambda: drive.stop(self._world.now)).result()
         while drive.state is DriveState.STOPPING:
+            self._check(drive)
             time.sleep(POLL)
 
     def _error(self) -> float:

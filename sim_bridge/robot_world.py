@@ -189,6 +189,10 @@ class RobotWorld(BridgeWorld):
         assert isinstance(self._world, _FurnishedWorld)
         world = self._world
         self._body = None
+        self.drives = {  # what the old ones followed ends here, whatever comes
+            name: JointDrive(drive.names, drive.limits, drive.target)
+            for name, drive in self.drives.items()
+        }
         self.furniture, how = read_kind(kind)
         objects, names = self.scenes.load(how)
         how = "pile" if how == "affordance" else how

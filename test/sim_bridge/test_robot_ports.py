@@ -4,6 +4,7 @@
 import threading
 import time
 from concurrent.futures import Future
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 pytest.importorskip("control_msgs")
 
 import rclpy  # noqa: E402
+from action_msgs.msg import GoalStatus  # noqa: E402
 from control_msgs.action import FollowJointTrajectory  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
@@ -43,6 +45,7 @@ class Track:
 class Drive:
     def __init__(self) -> None:
         self.state, self.read_points, self.stops = DriveState.HOLDING, [], 0
+        self.stopped = DriveState.HOLDING
 
     def read(self, times, positions, velocities=None, accelerations=None):
         if np.abs(positions).max() > 3.0:
@@ -55,14 +58,14 @@ class Drive:
 
     def stop(self, now):
         self.stops += 1
-        self.state = DriveState.HOLDING
+        self.state = self.stopped
 
 
 class World:
     """A world whose time and errors are those of the test."""
 
     def __init__(self) -> None:
-        self.now, self.error = 100.0, 0.0
+        self.now, self.error, self.ended = 100.0, 0.0, ""
         self.controllers = {"arm": JOINTS, "jaws": ("finger",)}
         self.drives = {name: Drive() for name in self.controllers}
 
@@ -221,3 +224,57 @@ def test_jaws_may_be_stopped_by_what_they_hold(rig):
     rig.world.error = 0.5
     drive.state = DriveState.HOLDING
     assert outcome(handle).error_code == Result.SUCCESSFUL
+
+
+def test_a_motion_thrown_away_by_a_new_scene_has_failed(rig):
+    handle = rig.send()
+    wait_until(lambda: rig.world.drives["arm"].state is DriveState.FOLLOWING)
+    rig.world.drives = {name: Drive() for name in rig.world.controllers}
+    future = handle.get_result_async()
+    assert done(future).status == GoalStatus.STATUS_ABORTED
+    assert done(future).result.error_code == Result.INVALID_GOAL
+    assert done(future).result.error_string == "arm: a new scene came"
+
+
+def test_a_cancelled_motion_does_not_wait_for_a_drive_that_is_gone(rig):
+    handle = rig.send()
+    drive = rig.world.drives["arm"]
+    drive.stopped = DriveState.STOPPING
+    wait_until(lambda: drive.state is DriveState.FOLLOWING)
+    done(handle.cancel_goal_async())
+    wait_until(lambda: drive.state is DriveState.STOPPING)
+    rig.world.drives = {name: Drive() for name in rig.world.controllers}
+    future = handle.get_result_async()
+    assert done(future).status == GoalStatus.STATUS_ABORTED
+    assert done(future).result.error_string == "arm: a new scene came"
+
+
+@pytest.mark.parametrize("state", [DriveState.FOLLOWING, DriveState.STOPPING])
+def test_no_motion_outlives_the_physics(rig, state):
+    handle = rig.send()
+    drive = rig.world.drives["arm"]
+    drive.stopped = DriveState.STOPPING
+    wait_until(lambda: drive.state is DriveState.FOLLOWING)
+    if state is DriveState.STOPPING:
+        done(handle.cancel_goal_async())
+        wait_until(lambda: drive.state is DriveState.STOPPING)
+    rig.world.ended = "the simulated world was closed"
+    result = outcome(handle)
+    assert result.error_code == Result.INVALID_GOAL
+    assert result.error_string == "the simulated world was closed"
+
+
+def test_a_motion_whose_port_is_gone_ends_with_the_world(rig):
+    """As after Ctrl-C: the handle of a destroyed port knows of nothing any more."""
+    request = SimpleNamespace(trajectory=message(JOINTS, 1.0))
+    goal = SimpleNamespace(
+        request=request, is_cancel_requested=False, abort=lambda: None
+    )
+    running = threading.Thread(
+        target=rig.ports[0]._on_execute, args=(goal,), daemon=True
+    )
+    running.start()
+    wait_until(lambda: rig.world.drives["arm"].state is DriveState.FOLLOWING)
+    rig.world.ended = "the simulated world was closed"
+    running.join(10.0)
+    assert not running.is_alive()

@@ -108,8 +108,10 @@ def test_after_a_scene_that_could_not_be_built_the_world_lives_on(cell, monkeypa
 
     with monkeypatch.context() as broken:
         broken.setattr(cell, "_stand", refuse)
+        drive = cell.drives["head_controller"]
         with pytest.raises(SimulationError, match="no place"):
             cell.spawn("table", 1, 0)
+    assert cell.drives["head_controller"] is not drive, "who waits for it must know"
     cell.advance(0.1)
     cell.do(cell._rests).result()  # as the physics thread asks in real time
     np.testing.assert_array_equal(cell.snapshot.robot.q, before.q)
