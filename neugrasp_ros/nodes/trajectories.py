@@ -75,7 +75,8 @@ def from_joint_trajectory(message: JointTrajectory, names: tuple[str, ...]) -> P
         names: The joints of the controller.
 
     Raises:
-        ConfigError: If it holds other joints, no points, or points of a wrong length.
+        ConfigError: If it holds other joints, no points, points of a wrong length, or
+            numbers that are not finite.
     """
     if sorted(message.joint_names) != sorted(names):
         raise ConfigError(
@@ -92,7 +93,10 @@ def from_joint_trajectory(message: JointTrajectory, names: tuple[str, ...]) -> P
             return None
         if any(len(row) != len(names) for row in rows):
             raise ConfigError(f"{field}: expected {len(names)} numbers in every point")
-        return np.array(rows, dtype=np.float64)[:, order]
+        values = np.array(rows, dtype=np.float64)[:, order]
+        if not np.isfinite(values).all():  # NaN is beyond no limit, so none finds it
+            raise ConfigError(f"{field}: expected finite numbers in every point")
+        return values
 
     positions = column("positions")
     assert positions is not None

@@ -49,6 +49,15 @@ def test_bad_messages_are_refused():
         from_joint_trajectory(message, NAMES)
 
 
+@pytest.mark.parametrize("field", ["positions", "velocities", "accelerations"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_not_finite_are_refused(field, value):
+    message = to_joint_trajectory(NAMES, POINTS)
+    setattr(message.points[1], field, [0.1, value])
+    with pytest.raises(ConfigError, match=f"{field}: expected finite numbers"):
+        from_joint_trajectory(message, NAMES)
+
+
 def test_durations():
     assert to_seconds(to_duration(1.25)) == 1.25
     assert to_duration(0.9999999999).sec == 1
