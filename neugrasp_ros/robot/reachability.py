@@ -238,9 +238,13 @@ class _Search:
         begins = np.tile(self.start, (len(self.grasps), 1))
         robot = self.checker.robot
         key = robot.description.groups[name].gripper
-        if self.openings is not None and key:
-            for begin, opening in zip(begins, self.openings, strict=True):
-                robot.set_opening(begin, key, opening)
+        if not key:
+            return begins
+        openings = self.openings
+        if openings is None:  # the jaws may be closed now, but not on the approach
+            openings = np.full(len(begins), robot.grippers[key].max_opening)
+        for begin, opening in zip(begins, openings, strict=True):
+            robot.set_opening(begin, key, opening)
         return begins
 
     def _tell_limits(self, codes: IntArray) -> None:

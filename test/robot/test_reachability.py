@@ -192,6 +192,22 @@ def test_wide_jaws_hit_what_narrow_ones_pass(reach):
     assert narrow.codes.tolist() == [Reach.OK]
 
 
+def test_jaws_that_are_closed_now_approach_open(robot, reach):
+    grasp = make_transform(DOWN, np.array([0.6, 0.2, 0.80]))[None]
+    closed = robot.home.copy()
+    for key in robot.grippers:
+        robot.set_opening(closed, key, 0.0)
+    between = make_obstacles(grasp[:, :3, 3])  # what the grasp is for
+    result = reach.check(grasp, start=closed, obstacles=between)
+    assert result.codes.tolist() == [Reach.OK]
+    arm = robot.description.groups[result.arm_of(0)]
+    opened = result.q[0].copy()
+    robot.set_opening(opened, arm.gripper, robot.grippers[arm.gripper].max_opening)
+    np.testing.assert_array_equal(result.q[0], opened)
+    kept = reach.check(grasp, start=closed, obstacles=between, openings=np.array([0.0]))
+    assert kept.codes.tolist() == [Reach.SCENE_COLLISION]
+
+
 def test_the_scene_is_passed_over_when_told_to(robot, scene):
     inside = make_transform(DOWN, np.array([0.6, 0.2, 0.70]))[None]
     config = ReachabilityConfig(check_scene_collision=False)
