@@ -43,6 +43,12 @@ class Setpoint(NamedTuple):
     jerk: FloatArray
 
 
+def _still(position: FloatArray) -> Setpoint:
+    """Return the set point of joints at rest."""
+    zero = np.zeros(len(position))
+    return Setpoint(np.array(position, dtype=np.float64), zero, zero, zero)
+
+
 class DriveState(Enum):
     """What a drive is doing."""
 
@@ -101,9 +107,7 @@ class Track:
     def at(self, time: float) -> Setpoint:
         """Return the set point at a time in [s]; past the end it stands still."""
         if time >= self.duration:
-            end = self._piece(len(self.times) - 2, 1.0)
-            still = np.zeros_like(end.position)
-            return Setpoint(end.position, still, still, still)
+            return _still(self._piece(len(self.times) - 2, 1.0).position)
         k = int(np.searchsorted(self.times, time, side="right")) - 1
         span = self.times[k + 1] - self.times[k]
         return self._piece(k, (time - self.times[k]) / span)
@@ -158,7 +162,7 @@ class JointDrive:
         self.names = names
         self.limits = limits
         self.state = DriveState.HOLDING
-        self._hold = np.array(position, dtype=np.float64)
+        self._last = _still(position)
         self._track: Track | None = None
         self._begin = 0.0
         self._stop: _Stop | None = None
@@ -166,7 +170,7 @@ class JointDrive:
     @property
     def target(self) -> FloatArray:
         """The last set point's position, shape (n,)."""
-        return self._hold
+        return self._last.position
 
     def read(
         self,
@@ -175,7 +179,7 @@ class JointDrive:
         velocities: FloatArray | None = None,
         accelerations: FloatArray | None = None,
     ) -> Track:
-        """Make a track from points; one that begins later begins where the joints are.
+        """Make a track from points; one that begins later begins as the joints move.
 
         Args:
             times: Seconds from the start, shape (T,).
@@ -196,11 +200,11 @@ class JointDrive:
         velocities = zeros if velocities is None else velocities
         accelerations = zeros if accelerations is None else accelerations
         if len(times) and times[0] > 0.0:
-            rest = np.zeros((1, len(self.names)))
+            last = self._last  # its velocity is not zero where a motion is replaced
             times = np.concatenate([[0.0], times])
-            positions = np.concatenate([self._hold[None], positions])
-            velocities = np.concatenate([rest, velocities])
-            accelerations = np.concatenate([rest, accelerations])
+            positions = np.concatenate([last.position[None], positions])
+            velocities = np.concatenate([last.velocity[None], velocities])
+            accelerations = np.concatenate([last.acceleration[None], accelerations])
         return Track(times, positions, velocities, accelerations)
 
     def start(self, track: Track, now: float) -> None:
@@ -222,21 +226,20 @@ class JointDrive:
 
     def hold(self, position: FloatArray) -> None:
         """Stay at a position from now on."""
-        self._hold = np.array(position, dtype=np.float64)
+        self._last = _still(position)
         self._track, self._stop, self.state = None, None, DriveState.HOLDING
 
     def setpoint(self, now: float) -> Setpoint:
         """Return where the joints shall be now; ends a track or stop that is over."""
         if self._track is None:
-            still = np.zeros_like(self._hold)
-            return Setpoint(self._hold, still, still, still)
+            return self._last
         if self._stop is not None:
             point = self._stopped(self._stop, now)
             over = now >= self._stop.begin + self._stop.seconds
         else:
             point = self._track.at(now - self._begin)
             over = now >= self._begin + self._track.duration
-        self._hold = point.position
+        self._last = point
         if over:
             self.hold(point.position)
         return point

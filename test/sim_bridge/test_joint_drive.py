@@ -101,6 +101,33 @@ def test_points_that_begin_later_begin_where_the_joints_are():
     assert drive.setpoint(6.0).position == pytest.approx(GOAL)
 
 
+@pytest.mark.parametrize("stopping", [False, True])
+def test_a_motion_that_replaces_another_goes_on_as_the_joints_move(stopping):
+    drive, track = started()
+    now = track.duration / 2
+    before = drive.setpoint(now)
+    if stopping:
+        drive.stop(now)
+        now += 0.05
+        before = drive.setpoint(now)
+    assert np.abs(before.velocity).min() > 0.1
+    drive.start(drive.read(np.array([1.5]), START[None]), now)
+    after = drive.setpoint(now)
+    assert after.position == pytest.approx(before.position)
+    assert after.velocity == pytest.approx(before.velocity)
+    assert after.acceleration == pytest.approx(before.acceleration)
+    assert drive.setpoint(now + 1.5).position == pytest.approx(START)
+
+
+def test_after_a_motion_the_next_one_begins_at_rest():
+    drive, track = started()
+    drive.setpoint(track.duration / 2)
+    drive.hold(drive.target)
+    drive.start(drive.read(np.array([1.5]), START[None]), 9.0)
+    assert drive.setpoint(9.0).velocity == pytest.approx(0.0)
+    assert drive.setpoint(9.0).acceleration == pytest.approx(0.0)
+
+
 def test_bad_points_are_refused():
     drive = JointDrive(NAMES, LIMITS, START)
     with pytest.raises(ConfigError, match="b would leave its limits by 0.5"):
