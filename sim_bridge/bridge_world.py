@@ -40,6 +40,7 @@ SHORTEST_WAIT = 0.01  # [s]; shorter ones are put together: each may cost as muc
 REST_TIME = 0.5  # [s] of simulated time that nothing moves before it rests
 REST_CHANGE = 2e-4  # [m], [rad], [-]; a smaller change in that time is no motion
 KINDS = (*SCENE_KINDS, "affordance")
+EMPTY = ("empty", 0, 0)  # kind, seed and count of the scene that needs no objects
 
 
 class Snapshot(NamedTuple):
@@ -139,7 +140,7 @@ class BridgeWorld:
         self.snapshot = Snapshot(0, (), (), np.zeros((0, 4, 4)))
         self.measured_factor = 0.0
         self._mark = (time.monotonic(), 0)
-        self._last_spawn = ("empty", 0, 0)
+        self._last_spawn = EMPTY
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
         self._thread.start()
         self.do(lambda: self._spawn(*self._last_spawn)).result()
@@ -190,6 +191,8 @@ class BridgeWorld:
 
     def spawn(self, kind: str, seed: int, count: int) -> tuple[str, ...]:
         """Clear the table and put a seeded scene onto it; return the objects' names.
+
+        Where that fails, the last scene that did not is built again.
 
         Raises:
             UnknownNameError: If the kind is unknown.
@@ -350,12 +353,26 @@ class BridgeWorld:
         self._live = False  # building a scene takes no simulated time
         try:
             self._build(kind, seed, count)
+            self._last_spawn = (kind, seed, count)
+        except Exception:  # the old scene is gone by now
+            self._bring_back()
+            raise
         finally:
             self._live = True
             self._due = self._resumed = time.monotonic()
-        self._last_spawn = (kind, seed, count)
-        self.snapshot = self._look()
+            self.snapshot = self._look()
         return self.snapshot.names
+
+    def _bring_back(self) -> None:
+        """Build the last good scene again, or the empty one where that fails, too."""
+        for scene in dict.fromkeys((self._last_spawn, EMPTY)):
+            try:
+                self._build(*scene)
+            except Exception:  # noqa: BLE001 (the caller hears of the first error)
+                _log.exception("the scene %s could not be brought back", scene)
+            else:
+                self._last_spawn = scene
+                return
 
     def _build(self, kind: str, seed: int, count: int) -> None:
         """Put table, objects and gripper into the world."""

@@ -61,6 +61,43 @@ def test_what_cannot_be_spawned_or_tried_is_refused_and_life_goes_on(world):
     later(world, 0.1)
 
 
+@pytest.fixture
+def broken(monkeypatch):
+    """Seeds whose scenes break when the one before is gone already."""
+    seeds, build_scene = set(), bridge_world.build_scene
+
+    def build(world, *scene, seed, **options):
+        world.reset()
+        if seed in seeds:
+            raise ValueError(f"broken mesh of seed {seed}")
+        return build_scene(world, *scene, seed=seed, **options)
+
+    monkeypatch.setattr(bridge_world, "build_scene", build)
+    return seeds
+
+
+def test_after_a_scene_that_broke_half_way_the_last_good_one_is_back(world, broken):
+    names = world.spawn("packed", 4, 3)
+    poses = world.snapshot.poses
+    broken.add(9)
+    with pytest.raises(ValueError, match="broken mesh of seed 9"):
+        world.spawn("pile", 9, 3)
+    assert world.snapshot.names == names
+    np.testing.assert_allclose(world.snapshot.poses, poses, atol=2e-3)
+    air = make_transform(DOWN, np.array([0.15, 0.15, 0.4]))
+    assert world.try_grasp(air, 0.08, 0.05).reason == "empty", "the hand is back"
+    assert world.reset() == names
+
+
+def test_where_the_last_good_scene_breaks_too_the_table_is_empty(world, broken):
+    world.spawn("packed", 4, 3)
+    broken.update((4, 9))
+    with pytest.raises(ValueError, match="broken mesh of seed 9"):
+        world.spawn("pile", 9, 3)
+    later(world, 0.1)
+    assert world.snapshot.names == () and world.reset() == ()
+
+
 def test_closing_on_nothing_lifts_nothing(world):
     world.spawn("empty", 0, 0)
     result = world.try_grasp(

@@ -5,6 +5,7 @@ import pytest
 from neugrasp_ros.errors import SimulationError, UnknownNameError
 from neugrasp_ros.geometry.transform import make_transform
 from neugrasp_ros.robot.kinematics import ArmKinematics
+from sim_bridge import robot_world
 
 pytestmark = pytest.mark.filterwarnings("ignore:Gimbal lock")
 
@@ -119,6 +120,30 @@ def test_after_a_scene_that_could_not_be_built_the_world_lives_on(cell, monkeypa
     cell.advance(0.1)
     assert cell.ended == ""
     assert not np.allclose(cell.snapshot.robot.stance.q, before.stance.q)
+
+
+def test_after_a_scene_that_broke_half_way_the_robot_is_back(cell, monkeypatch):
+    cell.spawn("shelf", 0, 0)
+    before = cell.snapshot.robot
+    build_scene = robot_world.build_scene
+
+    def build(world, *scene, seed, **options):
+        if seed == 9:
+            world.reset()
+            raise ValueError("broken mesh")
+        return build_scene(world, *scene, seed=seed, **options)
+
+    monkeypatch.setattr(robot_world, "build_scene", build)
+    with pytest.raises(ValueError, match="broken mesh"):
+        cell.spawn("table", 9, 0)
+    robot = cell.snapshot.robot
+    np.testing.assert_array_equal(robot.stance.q, before.stance.q)
+    assert [b.name for b in robot.blocks] == [b.name for b in before.blocks]
+    drive = cell.drives["head_controller"]
+    goal = drive.target + [0.2, 0.0]
+    drive.start(drive.read(np.array([1.0]), goal[None]), cell.now)
+    cell.advance(1.2)
+    assert cell.following("head_controller")[0] == pytest.approx(goal, abs=0.02)
 
 
 def test_a_world_without_a_scene_has_no_places_to_compare(cell, monkeypatch):
