@@ -59,6 +59,8 @@ JOINT_RATE = 20.0  # [Hz]
 OBJECT_RATE = 2.0  # [Hz]
 POLL = 0.002  # [s] between two looks at simulated time
 SLOW = 0.9  # a real-time factor below this share of the wanted one is worth a warning
+MOST_OBJECTS = 50  # of a scene; each takes up to a simulated second to fall
+HIGHEST_LIFT = 1.0  # [m] that a tried grasp may be lifted
 HEAD_JOINTS = ("head_1_joint", "head_2_joint")
 
 
@@ -97,7 +99,7 @@ class BridgeConfig(Checked):
     )  # fmt: skip
     kind: str = fixed(option("pile", "Scene at the start"))
     seed: int = fixed(option(0, "Its seed", 0, 2**31 - 1))
-    count: int = fixed(option(5, "Its number of objects", 0, 50))
+    count: int = fixed(option(5, "Its number of objects", 0, MOST_OBJECTS))
     open_fully: bool = option(
         True, "Approach with open jaws, as the network learned; else with Grasp.width"
     )
@@ -274,6 +276,11 @@ class SimBridgeNode(Node):
         self, request: SpawnScene.Request, response: SpawnScene.Response
     ) -> object:
         def work() -> None:
+            if request.objects > MOST_OBJECTS:
+                raise ConfigError(
+                    f"spawn_scene: at most {MOST_OBJECTS} objects, "
+                    f"got {request.objects}"
+                )
             names = self.world.spawn(request.kind, request.seed, request.objects)
             response.names = list(names)
 
@@ -286,6 +293,11 @@ class SimBridgeNode(Node):
         def work() -> None:
             if not request.grasp.grasps:
                 raise ConfigError("try_grasp: the array holds no grasp")
+            if not 0.0 <= request.lift_height <= HIGHEST_LIFT:  # NaN is neither
+                raise ConfigError(
+                    f"try_grasp: lift_height must be within [0, {HIGHEST_LIFT}] m, "
+                    f"got {request.lift_height}"
+                )
             grasp = from_grasp_array(request.grasp).take(np.array([0]))
             T = self._transforms(self._base, grasp.info.frame_id, 0)
             T_task_gripper = invert(self._T_base_task) @ T @ grasp.grasps.poses[0]

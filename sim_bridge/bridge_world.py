@@ -389,9 +389,12 @@ class BridgeWorld:
         if lift_height > 0:
             rules = replace(rules, retreat_distance=lift_height)
         config = replace(TRIAL_PRESETS["vgn"], rules=rules)
-        result = run_trial(self._world, self._hand, T_task_gripper, opening, config)
-        if result.success and result.object_body in self._world.object_ids:
-            self._world.remove(result.object_body)
-        self._hand.park()
-        self._world.clear_outside()
+        world = self._world
+        try:
+            result = run_trial(world, self._hand, T_task_gripper, opening, config)
+            if result.success and result.object_body in world.object_ids:
+                world.remove(result.object_body)
+        finally:
+            self._hand.park()
+        world.clear_outside()
         return result

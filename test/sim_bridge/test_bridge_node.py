@@ -268,3 +268,34 @@ def test_the_physics_say_whether_they_live(factor, ended, level, message):
     node = SimpleNamespace(world=world, _config=config)
     status = SimBridgeNode._physics_status(node)
     assert status.level == level and message in status.message
+
+
+class Untouched:
+    """A world that must not be asked for anything."""
+
+    def spawn(self, *_):
+        raise AssertionError("a scene was built")
+
+    def try_grasp(self, *_):
+        raise AssertionError("a grasp was tried")
+
+
+def untouched_node():
+    log = SimpleNamespace(warning=lambda _: None, error=lambda _: None)
+    return SimpleNamespace(world=Untouched(), get_logger=lambda: log)
+
+
+@pytest.mark.parametrize("count", [51, 100_000])
+def test_more_objects_than_a_scene_may_have_are_refused(count):
+    request = SpawnScene.Request(kind="pile", objects=count)
+    response = SimBridgeNode._on_spawn(untouched_node(), request, SpawnScene.Response())
+    assert not response.success
+    assert f"at most 50 objects, got {count}" in response.message
+
+
+@pytest.mark.parametrize("height", [np.nan, np.inf, -0.1, 150.0])
+def test_a_lift_that_would_take_for_ever_is_refused(height):
+    request = TryGrasp.Request(lift_height=height, grasp=GraspArray(grasps=[Grasp()]))
+    response = SimBridgeNode._on_try(untouched_node(), request, TryGrasp.Response())
+    assert not response.success
+    assert "lift_height must be within [0, 1.0] m" in response.message

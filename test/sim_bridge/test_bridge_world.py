@@ -106,6 +106,22 @@ def test_closing_on_nothing_lifts_nothing(world):
     assert not result.success and result.reason == "empty"
 
 
+def test_the_hand_is_parked_after_a_trial_that_breaks(world, monkeypatch):
+    world.spawn("empty", 0, 0)
+    low = make_transform(DOWN, np.array([0.15, 0.15, 0.2]))
+
+    def break_down(_, hand, T_world_gripper, opening, config):
+        hand.teleport(T_world_gripper, opening)
+        raise OverflowError("on the way")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bridge_world, "run_trial", break_down)
+        with pytest.raises(OverflowError, match="on the way"):
+            world.try_grasp(low, 0.08, 0.05)
+    lower, _ = world.do(lambda: world._world.bounds(world._hand.body)).result()
+    assert lower[2] > 1.0
+
+
 def test_a_lifted_object_is_taken_away(world):
     for seed in range(6):
         world.spawn("packed", seed, 1)
