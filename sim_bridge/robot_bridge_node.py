@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
-from neugrasp_msgs.srv import SpawnScene
+from neugrasp_msgs.srv import SpawnScene, TryGrasp
 from numpy.typing import NDArray
 from rclpy.executors import Executor
 from sensor_msgs.msg import Image, JointState
@@ -33,6 +33,7 @@ from neugrasp_ros.nodes.diagnostics import Status
 from neugrasp_ros.nodes.markers import LabelledBox, box_markers
 from neugrasp_ros.nodes.qos import latched, newest
 from neugrasp_ros.nodes.runtime import run
+from neugrasp_ros.nodes.work import answer
 from neugrasp_ros.robot.link_meshes import LinkMeshes, VisualMeshes
 from neugrasp_ros.robot.model import RobotModel, load_robot
 from sim_bridge.bridge_node import NAME, BridgeConfig, SimBridgeNode
@@ -151,6 +152,10 @@ class RobotBridgeNode(SimBridgeNode):
         answered = super()._on_spawn(request, response)
         self._publish_solids()
         return answered
+
+    def _on_try(self, request: TryGrasp.Request, response: TryGrasp.Response) -> object:
+        """Answer with what to do instead: the world says so, whatever the grasp."""
+        return answer(self, response, lambda: self.world.try_grasp(np.eye(4), 0.0, 0.0))
 
     def _publish_joints(self) -> None:
         snapshot = self.world.snapshot

@@ -7,7 +7,8 @@ import pytest
 pytest.importorskip("neugrasp_msgs")
 
 import rclpy  # noqa: E402
-from neugrasp_msgs.srv import SpawnScene  # noqa: E402
+from neugrasp_msgs.msg import Grasp, GraspArray  # noqa: E402
+from neugrasp_msgs.srv import SpawnScene, TryGrasp  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
@@ -121,6 +122,15 @@ def test_an_unknown_furniture_is_refused_and_the_scene_stays(bridge, heard):
     )
     assert not response.success and "sofa" in response.message
     assert bridge.world.snapshot.names == names
+
+
+@pytest.mark.parametrize("grasps", [[], [Grasp()]])
+def test_a_grasp_to_try_is_sent_to_the_executor(bridge, grasps):
+    request = TryGrasp.Request(grasp=GraspArray(grasps=grasps))
+    request.grasp.header.frame_id = "base_footprint"
+    response = bridge._on_try(request, TryGrasp.Response())
+    assert not response.success and not response.lifted
+    assert "send the grasp to the action execute_grasp" in response.message
 
 
 def test_the_hardest_contact_is_in_the_diagnostics(bridge):
