@@ -108,9 +108,10 @@ def wait_for(condition, seconds: float = 20.0):
 
 
 def next_image(cell) -> Image:
+    """Wait for an image of what there is now; two on their way may be older."""
     heard = cell.heard[f"{HEAD}/image_raw"]
     count = len(heard)
-    wait_for(lambda: len(heard) > count + 1)
+    wait_for(lambda: len(heard) > count + 2)
     return heard[-1]
 
 
