@@ -58,7 +58,7 @@ class NoScene:
     def labels(self, deadline):
         return ()
 
-    def scene(self, wanted, newer_than, deadline):
+    def scene(self, wanted, newer_than, deadline, stop):
         self.asked.append(newer_than)
         raise DetectionError(Code.NO_DEPTH, "no scene here")
 
