@@ -5,31 +5,17 @@ from dataclasses import replace
 
 import pytest
 import torch
+from diamond import AFFORDING_NETWORK
 
-from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import CheckpointError
 from neugrasp_ros.grasp.inputs import POINT_FEATURES, TOKEN_FEATURES
 from neugrasp_ros.model import GraspNetwork, load_network, save_network, warm_start
-
-SMALL = NetworkConfig(
-    resolution=16,
-    plane_resolution=8,
-    channels=4,
-    unet_depth=2,
-    unet_channels=4,
-    occupancy_hidden=8,
-    occupancy_blocks=2,
-    local_points=16,
-    pointnet_width=8,
-    pointnet_out=16,
-    affordances=("cut", "pour"),
-)
 
 
 @pytest.fixture
 def network() -> GraspNetwork:
     torch.manual_seed(0)
-    return GraspNetwork(SMALL).eval()
+    return GraspNetwork(AFFORDING_NETWORK).eval()
 
 
 @pytest.fixture
@@ -41,10 +27,10 @@ def weights(network, tmp_path):
 
 def test_weights_without_heads_start_a_network_that_has_them(tmp_path):
     torch.manual_seed(1)
-    old = GraspNetwork(replace(SMALL, affordances=()))
+    old = GraspNetwork(replace(AFFORDING_NETWORK, affordances=()))
     save_network(old, tmp_path / "old.safetensors")
     torch.manual_seed(2)
-    new = GraspNetwork(SMALL)
+    new = GraspNetwork(AFFORDING_NETWORK)
     before = {k: v.clone() for k, v in new.state_dict().items()}
     fresh = warm_start(new, tmp_path / "old.safetensors")
     assert fresh
@@ -55,7 +41,7 @@ def test_weights_without_heads_start_a_network_that_has_them(tmp_path):
 
 
 def test_weights_without_context_begin_one_with_it_as_they_were(network, weights):
-    new = GraspNetwork(replace(SMALL, context=4)).eval()
+    new = GraspNetwork(replace(AFFORDING_NETWORK, context=4)).eval()
     fresh = warm_start(new, weights)
     assert fresh
     assert all(key.startswith("context.") for key in fresh)
@@ -71,10 +57,10 @@ def test_weights_without_context_begin_one_with_it_as_they_were(network, weights
 
 
 def test_weights_with_context_begin_one_without_it(network, weights, tmp_path):
-    wide = GraspNetwork(replace(SMALL, context=4)).eval()
+    wide = GraspNetwork(replace(AFFORDING_NETWORK, context=4)).eval()
     warm_start(wide, weights)
     save_network(wide, tmp_path / "wide.safetensors")
-    narrow = GraspNetwork(SMALL).eval()
+    narrow = GraspNetwork(AFFORDING_NETWORK).eval()
     assert warm_start(narrow, tmp_path / "wide.safetensors") == ()
     for key, value in network.state_dict().items():
         assert torch.equal(narrow.state_dict()[key], value), key
@@ -83,9 +69,10 @@ def test_weights_with_context_begin_one_without_it(network, weights, tmp_path):
 def test_a_part_head_is_left_where_the_network_has_none(tmp_path):
     torch.manual_seed(1)
     save_network(
-        GraspNetwork(replace(SMALL, part_head=True)), tmp_path / "old.safetensors"
+        GraspNetwork(replace(AFFORDING_NETWORK, part_head=True)),
+        tmp_path / "old.safetensors",
     )
-    new = GraspNetwork(SMALL)
+    new = GraspNetwork(AFFORDING_NETWORK)
     assert warm_start(new, tmp_path / "old.safetensors") == ()
     old = load_network(tmp_path / "old.safetensors")[0].state_dict()
     assert all(torch.equal(v, old[k]) for k, v in new.state_dict().items())
@@ -95,16 +82,17 @@ def test_a_part_head_is_left_where_the_network_has_none(tmp_path):
 def test_heads_are_left_where_the_network_has_none(context, tmp_path):
     torch.manual_seed(1)
     save_network(
-        GraspNetwork(replace(SMALL, context=context)), tmp_path / "old.safetensors"
+        GraspNetwork(replace(AFFORDING_NETWORK, context=context)),
+        tmp_path / "old.safetensors",
     )
-    new = GraspNetwork(replace(SMALL, affordances=()))
+    new = GraspNetwork(replace(AFFORDING_NETWORK, affordances=()))
     assert warm_start(new, tmp_path / "old.safetensors") == ()
     old = load_network(tmp_path / "old.safetensors")[0].state_dict()
     assert all(torch.equal(v, old[k]) for k, v in new.state_dict().items())
 
 
 def test_weights_of_another_encoder_begin_the_rest(network, weights):
-    new = GraspNetwork(replace(SMALL, unet="residual")).eval()
+    new = GraspNetwork(replace(AFFORDING_NETWORK, unet="residual")).eval()
     fresh = warm_start(new, weights)
     assert fresh and all(key.startswith("scene.") for key in fresh)
     assert {key for key in new.state_dict() if key.startswith("scene.")} == set(fresh)
@@ -117,6 +105,6 @@ def test_weights_of_another_encoder_begin_the_rest(network, weights):
     [({"channels": 8}, "detector"), ({"affordances": ("a",)}, "detector.affordance")],
 )
 def test_weights_of_another_shape_do_not_start_a_network(weights, change, key):
-    network = GraspNetwork(replace(SMALL, **change))
+    network = GraspNetwork(replace(AFFORDING_NETWORK, **change))
     with pytest.raises(CheckpointError, match=f"does not fit .*{key}"):
         warm_start(network, weights)
