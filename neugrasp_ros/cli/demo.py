@@ -93,11 +93,11 @@ def run(args: argparse.Namespace) -> int:
         finally:
             done.set()
             _stop(suite)
-    if died.is_set():
+    if died.is_set() and "error" in result:
         code = suite.returncode
         print(f"failed: the suite ended with exit code {code}, see {log_path}")
         return 1
-    if stopping.is_set():
+    if stopping.is_set() and not died.is_set():
         print("stopped")
         return STOPPED
     if args.json:

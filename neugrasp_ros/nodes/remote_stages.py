@@ -118,6 +118,10 @@ class RemoteStages(Stages):
         patience = 0.0  # [s] that the volume may be waited for, at first none
         request = GetTsdf.Request()
         while True:
+            if stop():  # a call that is answered at once does not ask
+                raise DetectionError(
+                    Code.CANCELED, "canceled while it waited for a depth image"
+                )
             start = time.monotonic()
             left = deadline - start - LOOK_PERIOD
             last = not patient or left <= 0
