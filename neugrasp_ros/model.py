@@ -178,6 +178,10 @@ def load_network(path: Path) -> tuple[GraspNetwork, dict[str, Any]]:
 def placed(network: GraspNetwork, device: str) -> GraspNetwork:
     """Move a network to a torch device.
 
+    Args:
+        network: Moved in place, and returned.
+        device: As torch names it, such as ``cuda:0``.
+
     Raises:
         ConfigError: If torch has no such device here, naming those it has.
     """

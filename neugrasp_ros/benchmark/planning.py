@@ -103,7 +103,15 @@ def answer(
     scene: EncodedScene,
     candidates: GraspSet,
 ) -> Plan:
-    """Return grasps with what they were chosen from."""
+    """Return grasps with what they were chosen from.
+
+    Args:
+        look: What was seen.
+        grasps: Best first.
+        planner: Who looked; its timings are those of this answer.
+        scene: The look, encoded.
+        candidates: What the grasps were chosen from.
+    """
     return Plan(
         grasps=grasps,
         timings=dict(planner.timings),

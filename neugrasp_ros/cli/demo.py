@@ -93,11 +93,12 @@ def run(args: argparse.Namespace) -> int:
         finally:
             done.set()
             _stop(suite)
-    if died.is_set() and "error" in result:
-        code = suite.returncode
-        print(f"failed: the suite ended with exit code {code}, see {log_path}")
-        return 1
-    if stopping.is_set() and not died.is_set():
+    if died.is_set():
+        if "error" in result:  # else the demonstration had ended before it
+            code = suite.returncode
+            print(f"failed: the suite ended with exit code {code}, see {log_path}")
+            return 1
+    elif stopping.is_set():
         print("stopped")
         return STOPPED
     if args.json:
