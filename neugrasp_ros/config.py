@@ -100,6 +100,9 @@ class NetworkConfig(Checked):
     part_head: bool = option(
         False, "Learn also what the part at every surface point affords"
     )
+    thing_head: bool = option(
+        False, "Teach the context also what any part of the thing at a point affords"
+    )
     context: int = option(
         0, "Features of the surroundings for the affordance head; 0 = none", 0, 512
     )
@@ -115,6 +118,8 @@ class NetworkConfig(Checked):
             raise ConfigError("part_head needs affordances, got none")
         if self.context and not self.affordances:
             raise ConfigError("context needs affordances, got none")
+        if self.thing_head and not self.context:
+            raise ConfigError("thing_head needs a context, got none")
 
     @property
     def context_width(self) -> int:

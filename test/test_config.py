@@ -116,3 +116,8 @@ def test_a_configuration_cannot_be_changed():
 def test_a_part_head_needs_classes():
     with pytest.raises(ConfigError, match="part_head needs affordances, got none"):
         NetworkConfig(part_head=True)
+
+
+def test_a_thing_head_needs_a_context():
+    with pytest.raises(ConfigError, match="thing_head needs a context, got none"):
+        NetworkConfig(affordances=("pour",), thing_head=True)

@@ -116,10 +116,12 @@ def _shape(
     before = started.context if started else 0
     taught = CONTEXT if any(s.stage == "context" for s in stages) else 0
     context = (before or taught) if args.local_view == "rendered" else 0
+    things = bool(taught) or bool(started and started.thing_head)
     return replace(
         shape,
         affordances=AFFORDANCE_NAMES,
         part_head=not context,
+        thing_head=bool(context) and things,
         context=context,
         local_view=args.local_view,
     )

@@ -20,7 +20,7 @@ BLOCKS = (1, 2, 2, 2)  # residual blocks of a level on the way down
 HEIGHTS = (9 / 64, 57 / 64)  # of the cube: from just below the table top
 LAYERS = 8  # of the feature grid along z
 HEIGHT_SCALE = 4.0  # of a point's height in edges, as the part layers take it
-PART_WIDTH = 64  # of the hidden layer that tells parts
+PART_WIDTH = 64  # of the hidden layer that tells parts, and of that for things
 COARSEST = 2 ** len(WIDTHS)  # voxels of a cell of the last level
 
 
@@ -59,11 +59,9 @@ class ContextNet(nn.Module):
         self.grow = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in pairs)
         self.up = nn.ModuleList(Residual(b) for _, b in pairs)
         self.last = nn.Conv2d(widths[0], channels * LAYERS, 1)
-        self.parts = nn.Sequential(
-            nn.Linear(channels + 1, PART_WIDTH),
-            nn.ReLU(),
-            nn.Linear(PART_WIDTH, len(config.affordances)),
-        )
+        classes = len(config.affordances)
+        self.parts = _point_layers(channels, classes)
+        self.things = _point_layers(channels, classes) if config.thing_head else None
 
     def forward(self, volume: Tensor) -> Tensor:
         """See volumes.
@@ -102,8 +100,21 @@ class ContextNet(nn.Module):
 
     def part_logits(self, features: Tensor, points: Tensor) -> Tensor:
         """Say what the part at each point affords, logits (B, N, A)."""
-        height = HEIGHT_SCALE * points[..., 2:]
-        logits: Tensor = self.parts(torch.cat([features, height], dim=-1))
+        logits: Tensor = self.parts(_with_height(features, points))
+        return logits
+
+    def thing_logits(self, features: Tensor, points: Tensor) -> Tensor:
+        """Say what any part of the thing at each point affords, logits (B, N, A).
+
+        Nobody asks for it at work. Learning it tells the features of a blade whether
+        it has a point, from near, before those of the handle have to know.
+
+        Raises:
+            ConfigError: If the network has no ``thing_head``.
+        """
+        if self.things is None:
+            raise ConfigError("the network has no thing_head")
+        logits: Tensor = self.things(_with_height(features, points))
         return logits
 
     def read(self, grid: Tensor, points: Tensor) -> Tensor:
@@ -123,6 +134,17 @@ class ContextNet(nn.Module):
         """Return what ``read`` does, of what ``features`` returned (B, N, C)."""
         parts = self.part_logits(features, points).sigmoid()
         return torch.cat([features, parts], dim=-1)
+
+
+def _point_layers(channels: int, outputs: int) -> nn.Sequential:
+    """Return layers from a point's features and height."""
+    return nn.Sequential(
+        nn.Linear(channels + 1, PART_WIDTH), nn.ReLU(), nn.Linear(PART_WIDTH, outputs)
+    )
+
+
+def _with_height(features: Tensor, points: Tensor) -> Tensor:
+    return torch.cat([features, HEIGHT_SCALE * points[..., 2:]], dim=-1)
 
 
 def _halving(inputs: int, outputs: int, *, first: bool) -> nn.Sequential:

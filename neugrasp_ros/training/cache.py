@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import ShardError
+from neugrasp_ros.geometry.transform import apply
 from neugrasp_ros.training.views import (
     EDGE,
     ViewRange,
@@ -25,7 +26,7 @@ from neugrasp_ros.training.views import (
 )
 from sim_bridge.objects.affordance import SET_NAME as AFFORDANCE_SET
 from sim_bridge.objects.affordances import AFFORDANCES
-from sim_bridge.objects.grasp_labels import scene_class_points
+from sim_bridge.objects.grasp_labels import class_points
 from sim_bridge.objects.model import PointLabels
 from sim_bridge.scene import Scene, placed_model
 
@@ -43,6 +44,7 @@ class SceneEntry:
         occupied: Their labels, shape (N,).
         part_points: Points on labelled objects, scaled like ``points``, shape (M, 3).
         part_classes: What the part at each affords, 0 or 1, shape (M, A).
+        part_things: What any part of the whole thing at each affords, shape (M, A).
     """
 
     volumes: NDArray[np.int8]
@@ -51,6 +53,7 @@ class SceneEntry:
     occupied: NDArray[np.bool_]
     part_points: NDArray[np.uint16]
     part_classes: NDArray[np.uint8]
+    part_things: NDArray[np.uint8]
 
 
 def render_entry(
@@ -76,7 +79,7 @@ def render_entry(
     cameras = np.stack([random_camera(views, rng) for _ in range(n_views)])
     volumes = [quantise(render_volume(seen, camera, views, rng)) for camera in cameras]
     samples = sample_occupancy(object_scene(scene), n_points, rng)
-    parts = _labelled_points(scene, rng)
+    parts, things = _labelled_points(scene, rng)
     rows = rng.permutation(len(parts.points))[:n_part_points]
     return SceneEntry(
         np.stack(volumes),
@@ -85,20 +88,31 @@ def render_entry(
         samples.occupied,
         np.round(parts.points[rows] / EDGE * POINT_SCALE).astype(np.uint16),
         parts.classes[rows].astype(np.uint8),
+        things[rows].astype(np.uint8),
     )
 
 
-def _labelled_points(scene: Scene, rng: np.random.Generator) -> PointLabels:
-    """Return points on the scene's labelled objects, within the cube."""
-    items = [item for item in scene.objects if item.set_name == AFFORDANCE_SET]
-    found = scene_class_points(
-        [placed_model(item) for item in items],
-        [item.T_task_object for item in items],
-        rng,
-    )
-    kept = ((found.points >= 0) & (found.points <= EDGE)).all(axis=1)
-    kept &= found.classes.any(axis=1)
-    return PointLabels(found.points[kept], found.classes[kept])
+def _labelled_points(
+    scene: Scene, rng: np.random.Generator
+) -> tuple[PointLabels, NDArray[np.bool_]]:
+    """Return points on the scene's labelled objects, within the cube.
+
+    Returns:
+        The points with what their part affords, and what any part of the thing that
+        they are on affords, shape (M, A).
+    """
+    none = np.zeros((0, len(AFFORDANCES)), dtype=bool)
+    points, classes, things = [np.zeros((0, 3))], [none], [none]
+    for item in scene.objects:
+        if item.set_name != AFFORDANCE_SET:
+            continue
+        drawn = class_points(placed_model(item), rng)
+        points.append(apply(item.T_task_object, drawn.points))
+        classes.append(drawn.classes)
+        things.append(np.zeros_like(drawn.classes) | drawn.classes.any(axis=0))
+    where, what, whole = map(np.concatenate, (points, classes, things))
+    kept = ((where >= 0) & (where <= EDGE)).all(axis=1) & what.any(axis=1)
+    return PointLabels(where[kept], what[kept]), whole[kept]
 
 
 def save_entry(entry: SceneEntry, path: Path) -> None:
@@ -113,6 +127,7 @@ def save_entry(entry: SceneEntry, path: Path) -> None:
             occupied=np.packbits(entry.occupied),
             part_points=entry.part_points,
             part_classes=entry.part_classes,
+            part_things=entry.part_things,
         )
     os.replace(part, path)
 
@@ -137,12 +152,14 @@ def load_entry(path: Path) -> SceneEntry:
         raise ShardError(f"{path}: not a whole scene entry ({error})") from error
 
 
-def _parts_of(file: Any) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+def _parts_of(
+    file: Any,
+) -> tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.uint8]]:
     """Return the labelled points of an entry; those of older caches have none."""
-    if "part_points" not in file.files:
+    if "part_things" not in file.files:
         none = np.zeros((0, len(AFFORDANCES)), dtype=np.uint8)
-        return np.zeros((0, 3), dtype=np.uint16), none
-    return file["part_points"], file["part_classes"]
+        return np.zeros((0, 3), dtype=np.uint16), none, none
+    return file["part_points"], file["part_classes"], file["part_things"]
 
 
 def entry_paths(folder: Path) -> Iterator[Path]:

@@ -34,6 +34,7 @@ from neugrasp_ros.training.stretching import (
 from neugrasp_ros.training.views import EDGE, UNKNOWN, dequantise
 
 POINTS_PER_SCENE = 768
+POINT_SCENES = 3  # scenes of which points are learned, for each with grasps
 MOVED = 5  # a scene is moved by at most as many voxels along x and y
 TURNS = 8  # symmetries of ``turn_volume``
 
@@ -98,29 +99,39 @@ class ContextStage:
         device = device_of(network)
         drawn = make_batch(entries, config.grasps_per_scene, rng)
         batch = moved(drawn, device)
-        volumes, points, classes = (t.to(device) for t in self._parts(rng))
+        volumes, points, classes, things = (t.to(device) for t in self._parts(rng))
         grid = self._context(torch.cat([batch.volumes, volumes]))
         with torch.no_grad(), torch.autocast(device.type, enabled=False):
             planes = network.scene.encode(batch.volumes)
         _, logits = grasp_logits(network, planes, batch, grid[:size])
-        near = self._told(grid[:size], batch.local_points)
-        parts = known_entropy(near, batch.local_classes, batch.local_known)
-        inside = ((points >= 0) & (points <= 1)).all(dim=-1)
-        parts = parts + known_entropy(self._told(grid[size:], points), classes, inside)
         loss = affordance_loss(logits, batch.affordances, batch.known)
-        return {
+        context = self._context
+        near = context.features(grid[:size], batch.local_points)
+        told = context.part_logits(near, batch.local_points)
+        parts = known_entropy(told, batch.local_classes, batch.local_known)
+        inside = ((points >= 0) & (points <= 1)).all(dim=-1)
+        there = context.features(grid[size:], points)
+        told = context.part_logits(there, points)
+        parts = parts + known_entropy(told, classes, inside)
+        losses = {
             "affordance": config.w_affordance * loss,
             "parts": config.w_parts * parts,
         }
+        if network.config.thing_head:
+            told = context.thing_logits(there, points)
+            losses["things"] = config.w_parts * known_entropy(told, things, inside)
+        return losses
 
-    def _told(self, grid: Tensor, points: Tensor) -> Tensor:
-        return self._context.part_logits(self._context.features(grid, points), points)
+    def _parts(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
+        """Draw scenes and points on labelled objects.
 
-    def _parts(self, rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor]:
-        """Draw scenes (B, 3, D, D, D), points (B, N, 3) and classes (B, N, A)."""
-        volumes, points, classes = [], [], []
+        Returns:
+            Volumes (B, 3, D, D, D), points (B, N, 3), and what the part and the whole
+            thing at each affords, both (B, N, A).
+        """
+        volumes, points, classes, things = [], [], [], []
         for number in rng.integers(
-            len(self._scenes), size=self._config.scenes_per_step
+            len(self._scenes), size=POINT_SCENES * self._config.scenes_per_step
         ):
             entry: SceneEntry = self._scenes[number]
             turn, stretch = int(rng.integers(TURNS)), draw_stretch(rng)
@@ -133,11 +144,9 @@ class ContextStage:
             volumes.append(volume_channels(dequantise(there)))
             points.append((where + noise).astype(np.float32))
             classes.append(entry.part_classes[rows].astype(np.float32))
-        return (
-            torch.from_numpy(np.stack(volumes)),
-            torch.from_numpy(np.stack(points)),
-            torch.from_numpy(np.stack(classes)),
-        )
+            things.append(entry.part_things[rows].astype(np.float32))
+        drawn = volumes, points, classes, things
+        return tuple(torch.from_numpy(np.stack(values)) for values in drawn)
 
 
 def turned_entry(entry: GraspEntry, turn: int, shift: IntArray) -> GraspEntry:

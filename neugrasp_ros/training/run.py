@@ -172,7 +172,9 @@ def _new_network(run: TrainingRun, scenes: Sequence[SceneLabels]) -> GraspNetwor
     known = sum(int(known_affordances(labels).sum()) for labels in scenes)
     if config.affordances and not known:
         LOGGER.info("no scene has affordance labels: the heads are left out")
-        config = replace(config, affordances=(), part_head=False, context=0)
+        config = replace(
+            config, affordances=(), part_head=False, thing_head=False, context=0
+        )
     network = GraspNetwork(config)
     stages = {stage.stage for stage in run.stages}
     if stages == {"context"} and not config.context:

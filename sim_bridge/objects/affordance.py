@@ -33,7 +33,7 @@ STYLES: Mapping[str, Mapping[str, Callable[[np.random.Generator], Shape]]] = (
 
 MIXED = "mixed"  # a style to learn from alone, of which no two objects are alike
 MIXED_SET_NAME = "affordance_mixed"
-N_MIXED = 200  # listed per category
+N_MIXED = 2000  # listed per category
 MIXED_MAKERS: Mapping[str, Callable[[np.random.Generator], Shape]] = MappingProxyType(
     {
         "knife": cutting.make_mixed_knife,

@@ -38,10 +38,12 @@ def saved(tmp_path):
 def test_a_network_has_the_shape_asked_for_or_else_that_of_the_start(parsed, saved):
     small = replace(AFFORDING, unet="residual", context=CONTEXT)
     start = saved(small)
-    heads = {"affordances": AFFORDANCE_NAMES, "context": CONTEXT}
+    heads = {
+        "affordances": AFFORDANCE_NAMES, "context": CONTEXT, "thing_head": True
+    }  # fmt: skip
     assert shape(parsed()) == replace(CPU_NETWORK, **heads)
     assert shape(parsed("--network", "paper")) == replace(PAPER_NETWORK, **heads)
-    assert shape(parsed("--start", start)) == small
+    assert shape(parsed("--start", start)) == replace(small, thing_head=True)
     both = parsed("--start", start, "--network", "cpu")
     assert shape(both) == replace(CPU_NETWORK, **heads)
 
@@ -52,6 +54,7 @@ def test_a_context_stays_once_it_is_there_and_the_part_head_goes(parsed, saved):
     assert shape(parsed("--start", saved(plain), *without)) == plain
     kept = shape(parsed("--start", saved(replace(plain, context=CONTEXT)), *without))
     assert (kept.context, kept.part_head) == (CONTEXT, False)
+    assert not kept.thing_head  # which nothing would teach
     blind = shape(parsed("--local-view", "grid"))
     assert (blind.local_view, blind.context, blind.part_head) == ("grid", 0, True)
 

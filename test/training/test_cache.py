@@ -23,6 +23,7 @@ def some_entry(seed: int = 0, points: int = 37) -> SceneEntry:
         rng.random(points) < 0.3,
         rng.integers(0, int(POINT_SCALE) + 1, (5, 3)).astype(np.uint16),
         rng.integers(0, 2, (5, 7)).astype(np.uint8),
+        rng.integers(0, 2, (5, 7)).astype(np.uint8),
     )
 
 
@@ -36,15 +37,16 @@ def test_an_entry_comes_back_as_it_was(tmp_path):
         np.testing.assert_array_equal(now, kept)
 
 
-def test_an_entry_of_an_older_cache_has_no_labelled_points(tmp_path):
+@pytest.mark.parametrize("lacking", ["part_", "part_things"])
+def test_an_entry_of_an_older_cache_has_no_labelled_points(tmp_path, lacking):
     entry, path = some_entry(), tmp_path / "0.npz"
     save_entry(entry, path)
     with np.load(path) as file:
-        kept = {k: file[k] for k in file.files if not k.startswith("part_")}
+        kept = {k: file[k] for k in file.files if not k.startswith(lacking)}
     np.savez_compressed(path, **kept)
     loaded = load_entry(path)
     assert loaded.part_points.shape == (0, 3)
-    assert loaded.part_classes.shape == (0, 7)
+    assert loaded.part_classes.shape == loaded.part_things.shape == (0, 7)
     np.testing.assert_array_equal(loaded.points, entry.points)
 
 

@@ -62,6 +62,7 @@ def caches(tmp_path) -> tuple[GraspCache, SceneCache]:
             np.zeros(5, dtype=bool),
             points,
             parts_of(volume, points),
+            np.tile(np.uint8([1, 0, number % 2]), (len(points), 1)),
         )
         save_entry(scene, scenes / f"{number}.npz")
     return GraspCache(grasps), SceneCache(scenes)
@@ -70,7 +71,7 @@ def caches(tmp_path) -> tuple[GraspCache, SceneCache]:
 @pytest.fixture
 def network() -> GraspNetwork:
     torch.manual_seed(0)
-    return GraspNetwork(replace(NETWORK, context=4)).eval()
+    return GraspNetwork(replace(NETWORK, context=4, thing_head=True)).eval()
 
 
 @pytest.mark.slow
@@ -78,9 +79,11 @@ def test_parts_are_learned_and_quality_stays(caches, network, tmp_path):
     before = {k: v.clone() for k, v in network.state_dict().items()}
     quality = predict(network, caches[0].entries).quality
     stage = ContextStage(network, *caches, CONFIG)
-    chance = stage(10**6)["parts"].item()
+    chance = stage(10**6)
     optimise(network, stage, CONFIG, tmp_path / "run")
-    assert stage(10**6)["parts"].item() < 0.5 * chance
+    learned = stage(10**6)
+    for name in ("parts", "things"):
+        assert learned[name].item() < 0.5 * chance[name].item(), name
     changed = {
         key for key, now in network.state_dict().items() if (now != before[key]).any()
     }
@@ -95,6 +98,14 @@ def test_a_step_is_the_same_whenever_it_is_taken(caches, network):
     network.eval()
     assert stage(3) == stage(3)
     assert stage(3) != stage(4)
+
+
+def test_things_are_not_asked_for_without_their_head(caches):
+    torch.manual_seed(0)
+    network = GraspNetwork(replace(NETWORK, context=4)).eval()
+    assert set(ContextStage(network, *caches, CONFIG)(0)) == {"affordance", "parts"}
+    with pytest.raises(ConfigError, match="has no thing_head"):
+        network.context.thing_logits(torch.zeros(1, 2, 4), torch.zeros(1, 2, 3))
 
 
 def test_what_is_not_labelled_is_left_out(caches, network):

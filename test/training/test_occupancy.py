@@ -52,6 +52,7 @@ def ball_entry(seed: int) -> SceneEntry:
         np.linalg.norm(points - center, axis=1) < 0.22,
         np.zeros((0, 3), dtype=np.uint16),
         np.zeros((0, 7), dtype=np.uint8),
+        np.zeros((0, 7), dtype=np.uint8),
     )
 
 

@@ -88,6 +88,7 @@ def labelled_mug() -> Any:
 @pytest.fixture
 def context_network(unet):
     config = replace(AFFORDING_NETWORK, affordances=AFFORDANCE_NAMES, context=4)
+    config = replace(config, thing_head=True)
     return diamond_network(replace(config, resolution=64, unet=unet), CENTER, 0.04)
 
 
@@ -98,6 +99,8 @@ def test_points_on_labelled_objects_are_rendered_with_a_scene(tmp_path):
     pour, cut = (AFFORDANCE_NAMES.index(name) for name in ("pour", "cut"))
     assert 0.3 < entry.part_classes[:, pour].mean() < 1.0  # a rim is for handing over
     assert not entry.part_classes[:, cut].any()
+    assert entry.part_things[:, pour].all()
+    assert not entry.part_things[:, cut].any()
 
 
 @pytest.mark.parametrize(

@@ -269,14 +269,18 @@ def make_mixed_knife(rng: np.random.Generator) -> Shape:
 
 
 def make_mixed_scissors(rng: np.random.Generator) -> Shape:
-    """Any blades between any two loops, with or without stout grips."""
+    """Any blades between any two loops, with or without stout grips.
+
+    Short broad blades are mostly those of children's scissors, with round tips.
+    """
     blade = (rng.uniform(0.042, 0.105), rng.uniform(0.0095, 0.023))
     shank = rng.uniform(0.02, 0.052)
     one = (rng.uniform(0.014, 0.034), rng.uniform(0.013, 0.019))
     other = one
     if rng.random() < 0.5:
         other = (rng.uniform(0.014, 0.034), rng.uniform(0.013, 0.019))
-    label = BLUNT if rng.random() < 0.4 else POINTED
+    stubby = blade[0] < 0.06 and blade[1] > 0.27 * blade[0]
+    label = BLUNT if rng.random() < (0.8 if stubby else 0.15) else POINTED
     extras: list[list[Part]] = []
     stout = rng.random() < 0.3
     for loop in (one, other):
