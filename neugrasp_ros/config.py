@@ -108,7 +108,7 @@ class NetworkConfig(Checked):
     )
 
     def __post_init__(self) -> None:
-        """Check every field, and that a part head or context has classes.
+        """Check every field, and that heads and context have what they need.
 
         Raises:
             ConfigError: Naming the field, the value and what is allowed.
@@ -218,6 +218,9 @@ class TrainConfig(Checked):
     steps: int = option(4000, "Optimiser steps", 1, 10_000_000)
     scenes_per_step: int = option(8, "Scenes that share one step", 1, 1024)
     points_per_scene: int = option(1536, "Occupancy points per scene", 16, 65536)
+    point_scenes: int = option(
+        3, "Scenes of which the context sees points alone, for each with grasps", 1, 64
+    )
     grasps_per_scene: int = option(32, "Grasps per scene, sharing its encoding", 1, 512)
     learning_rate: float = option(1.5e-3, "AdamW step size at its height", 1e-7, 1.0)
     weight_decay: float = option(1e-4, "AdamW weight decay", 0.0, 1.0)
@@ -237,7 +240,7 @@ class TrainConfig(Checked):
         0.15, "Weight of the affordance loss, a sum over the classes", 0.0, 100.0
     )
     w_parts: float = option(
-        1.0, "Weight of the loss of what the part at a point affords", 0.0, 100.0
+        1.0, "Weight of the losses of what part and thing at a point afford", 0.0, 100.0
     )
     seed: int = option(0, "Seed of every random choice", 0, 2**31 - 1)
     checkpoint_seconds: float = option(

@@ -4,7 +4,7 @@
 import hashlib
 import json
 import os
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +95,13 @@ def quality_sha256(network: GraspNetwork) -> str:
 
     Weights that differ in context and affordances alone have the same.
     """
-    shape = replace(network.config, affordances=(), part_head=False, context=0)
-    digest = hashlib.sha256(json.dumps(asdict(shape)).encode())
+    shape = asdict(network.config) | {
+        "affordances": (),
+        "part_head": False,
+        "context": 0,
+    }
+    del shape["thing_head"]
+    digest = hashlib.sha256(json.dumps(shape).encode())
     for key, tensor in sorted(network.state_dict().items()):
         if not key.startswith((CONTEXT, PARTS, AFFORDANCE_HEAD, "affordance_")):
             digest.update(key.encode() + tensor.cpu().contiguous().numpy().tobytes())

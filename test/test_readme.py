@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from neugrasp_ros.model import default_weights, load_network, quality_sha256
+
 ROOT = Path(__file__).resolve().parent.parent
 ROW = re.compile(r"`neugrasp (?P<command>bench [^`]*)`, `(?P<path>results/\S+\.json)`")
 RATES = re.compile(
@@ -36,3 +38,9 @@ def test_a_row_says_what_its_file_holds(row):
     iou = re.search(r"IoU (\S+) %", row)
     assert iou is None or float(iou[1]) == pytest.approx(report["iou"], abs=0.5)
     assert options(found["command"]) <= options(report["command"])
+
+
+def test_validation_is_of_the_shipped_quality():
+    report = json.loads((ROOT / "results/evaluate_val.json").read_text())
+    network, _ = load_network(default_weights())
+    assert report["quality_sha256"] == quality_sha256(network)

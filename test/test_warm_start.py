@@ -78,6 +78,21 @@ def test_a_part_head_is_left_where_the_network_has_none(tmp_path):
     assert all(torch.equal(v, old[k]) for k, v in new.state_dict().items())
 
 
+def test_a_thing_head_is_new_or_left_and_the_rest_of_the_context_stays(tmp_path):
+    torch.manual_seed(1)
+    plain = replace(AFFORDING_NETWORK, context=4)
+    for before, after in ((False, True), (True, False)):
+        path = tmp_path / f"{before}.safetensors"
+        save_network(GraspNetwork(replace(plain, thing_head=before)), path)
+        network = GraspNetwork(replace(plain, thing_head=after))
+        new = warm_start(network, path)
+        assert len(new) == 4 * after
+        assert all(key.startswith("context.things.") for key in new)
+        old = load_network(path)[0].state_dict()
+        for key in set(network.state_dict()) - set(new):
+            assert torch.equal(network.state_dict()[key], old[key]), key
+
+
 @pytest.mark.parametrize("context", [0, 4])
 def test_heads_are_left_where_the_network_has_none(context, tmp_path):
     torch.manual_seed(1)

@@ -103,8 +103,8 @@ def _shape(
 ) -> "NetworkConfig":
     """Return the named network, or that of the weights to begin with.
 
-    It has a context if one is trained, or the weights to begin with have one; ablations
-    of the local view have none.
+    It has a context if one is trained, or the weights to begin with have one, and so
+    with the thing head; ablations of the local view have none.
     """
     from neugrasp_ros.config import CPU_NETWORK, PAPER_NETWORK
     from neugrasp_ros.model import load_network
@@ -116,12 +116,12 @@ def _shape(
     before = started.context if started else 0
     taught = CONTEXT if any(s.stage == "context" for s in stages) else 0
     context = (before or taught) if args.local_view == "rendered" else 0
-    things = bool(taught) or bool(started and started.thing_head)
+    things = taught or (started and started.thing_head)
     return replace(
         shape,
         affordances=AFFORDANCE_NAMES,
         part_head=not context,
-        thing_head=bool(context) and things,
+        thing_head=bool(context and things),
         context=context,
         local_view=args.local_view,
     )

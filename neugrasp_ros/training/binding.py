@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from neugrasp_ros.config import NetworkConfig, TrainConfig
@@ -21,6 +22,7 @@ from neugrasp_ros.model import file_sha256
 RUN_FILE = "run.json"
 FREE = ("steps", "checkpoint_seconds", "threads", "device")
 """Settings of a stage that may change when it goes on."""
+SETTINGS = MappingProxyType({"network": NetworkConfig, "stage": TrainConfig})
 
 
 def bind_folder(
@@ -57,8 +59,8 @@ def bind_folder(
     }
     asked = json.loads(json.dumps(asked))
     before = json.loads(path.read_text()) if path.is_file() else {}
-    for group, values in before.items():
-        for name, value in values.items() if group in asked else ():
+    for group in sorted(before.keys() & asked.keys()):
+        for name, value in {**_absent(asked, group), **before[group]}.items():
             if asked[group].get(name) != value:
                 raise ConfigError(
                     f"{folder} was begun with {group} {name} = {value}, got "
@@ -68,6 +70,15 @@ def bind_folder(
     part = path.with_suffix(".part")
     part.write_text(json.dumps({**before, **asked}) + "\n")
     os.replace(part, path)
+
+
+def _absent(asked: dict[str, dict[str, Any]], group: str) -> dict[str, Any]:
+    """Return what holds for settings that are younger than a folder: the defaults."""
+    kind = group.partition(" ")[0]
+    if kind not in SETTINGS:
+        return {}
+    defaults = asdict(SETTINGS[kind]())
+    return {name: defaults[name] for name in asked[group]}
 
 
 def _bound(stage: TrainConfig) -> dict[str, Any]:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp_ros.errors import ShardError
-from neugrasp_ros.geometry.transform import apply
 from neugrasp_ros.training.views import (
     EDGE,
     ViewRange,
@@ -26,7 +25,7 @@ from neugrasp_ros.training.views import (
 )
 from sim_bridge.objects.affordance import SET_NAME as AFFORDANCE_SET
 from sim_bridge.objects.affordances import AFFORDANCES
-from sim_bridge.objects.grasp_labels import class_points
+from sim_bridge.objects.grasp_labels import scene_class_points
 from sim_bridge.objects.model import PointLabels
 from sim_bridge.scene import Scene, placed_model
 
@@ -101,18 +100,16 @@ def _labelled_points(
         The points with what their part affords, and what any part of the thing that
         they are on affords, shape (M, A).
     """
-    none = np.zeros((0, len(AFFORDANCES)), dtype=bool)
-    points, classes, things = [np.zeros((0, 3))], [none], [none]
-    for item in scene.objects:
-        if item.set_name != AFFORDANCE_SET:
-            continue
-        drawn = class_points(placed_model(item), rng)
-        points.append(apply(item.T_task_object, drawn.points))
-        classes.append(drawn.classes)
-        things.append(np.zeros_like(drawn.classes) | drawn.classes.any(axis=0))
-    where, what, whole = map(np.concatenate, (points, classes, things))
-    kept = ((where >= 0) & (where <= EDGE)).all(axis=1) & what.any(axis=1)
-    return PointLabels(where[kept], what[kept]), whole[kept]
+    none = PointLabels(np.zeros((0, 3)), np.zeros((0, len(AFFORDANCES)), dtype=bool))
+    drawn = [none] + [
+        scene_class_points([placed_model(item)], [item.T_task_object], rng)
+        for item in scene.objects
+        if item.set_name == AFFORDANCE_SET
+    ]
+    points, classes = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+    things = np.concatenate([np.broadcast_to(c.any(axis=0), c.shape) for _, c in drawn])
+    kept = ((points >= 0) & (points <= EDGE)).all(axis=1) & classes.any(axis=1)
+    return PointLabels(points[kept], classes[kept]), things[kept]
 
 
 def save_entry(entry: SceneEntry, path: Path) -> None:
@@ -146,17 +143,26 @@ def load_entry(path: Path) -> SceneEntry:
                 file["cameras"],
                 points,
                 np.unpackbits(file["occupied"], count=len(points)).astype(bool),
-                *_parts_of(file),
+                *_parts_of(file, path),
             )
     except (KeyError, ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
         raise ShardError(f"{path}: not a whole scene entry ({error})") from error
 
 
 def _parts_of(
-    file: Any,
+    file: Any, path: Path
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return the labelled points of an entry; those of older caches have none."""
-    if "part_things" not in file.files:
+    """Return the labelled points of an entry; those of older caches have none.
+
+    Raises:
+        ShardError: If its points were labelled before things were.
+    """
+    if "part_points" in file.files and "part_things" not in file.files:
+        raise ShardError(
+            f"{path}: its points lack what the whole thing affords; remove the file, "
+            "and the next run renders it again"
+        )
+    if "part_points" not in file.files:
         none = np.zeros((0, len(AFFORDANCES)), dtype=np.uint8)
         return np.zeros((0, 3), dtype=np.uint16), none, none
     return file["part_points"], file["part_classes"], file["part_things"]

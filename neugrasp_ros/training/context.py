@@ -7,7 +7,7 @@ physics has thousands; the head learns on the grasps.
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -34,11 +34,26 @@ from neugrasp_ros.training.stretching import (
 from neugrasp_ros.training.views import EDGE, UNKNOWN, dequantise
 
 POINTS_PER_SCENE = 768
-POINT_SCENES = 3  # scenes of which points are learned, for each with grasps
 MOVED = 5  # a scene is moved by at most as many voxels along x and y
 TURNS = 8  # symmetries of ``turn_volume``
 
 IntArray = NDArray[np.int64]
+
+
+class PointBatch(NamedTuple):
+    """B scenes with N points on labelled objects each.
+
+    Attributes:
+        volumes: Channels, shape (B, 3, D, D, D).
+        points: In units of the edge, shape (B, N, 3).
+        classes: What the part at each affords, 0 or 1, shape (B, N, A).
+        things: What any part of the thing at each affords, alike.
+    """
+
+    volumes: Tensor
+    points: Tensor
+    classes: Tensor
+    things: Tensor
 
 
 class ContextStage:
@@ -97,41 +112,44 @@ class ContextStage:
             for i, turn, shift in zip(chosen, turns, shifts, strict=True)
         ]
         device = device_of(network)
-        drawn = make_batch(entries, config.grasps_per_scene, rng)
-        batch = moved(drawn, device)
-        volumes, points, classes, things = (t.to(device) for t in self._parts(rng))
-        grid = self._context(torch.cat([batch.volumes, volumes]))
+        batch = moved(make_batch(entries, config.grasps_per_scene, rng), device)
+        drawn = PointBatch(*(values.to(device) for values in self._points(rng)))
+        grid = self._context(torch.cat([batch.volumes, drawn.volumes]))
         with torch.no_grad(), torch.autocast(device.type, enabled=False):
             planes = network.scene.encode(batch.volumes)
         _, logits = grasp_logits(network, planes, batch, grid[:size])
         loss = affordance_loss(logits, batch.affordances, batch.known)
-        context = self._context
-        near = context.features(grid[:size], batch.local_points)
-        told = context.part_logits(near, batch.local_points)
-        parts = known_entropy(told, batch.local_classes, batch.local_known)
-        inside = ((points >= 0) & (points <= 1)).all(dim=-1)
-        there = context.features(grid[size:], points)
-        told = context.part_logits(there, points)
-        parts = parts + known_entropy(told, classes, inside)
+        near, _ = self._told(grid[:size], batch.local_points)
+        parts, things = self._told(grid[size:], drawn.points)
+        inside = ((drawn.points >= 0) & (drawn.points <= 1)).all(dim=-1)
         losses = {
             "affordance": config.w_affordance * loss,
-            "parts": config.w_parts * parts,
+            "parts": config.w_parts
+            * (
+                known_entropy(near, batch.local_classes, batch.local_known)
+                + known_entropy(parts, drawn.classes, inside)
+            ),
         }
-        if network.config.thing_head:
-            told = context.thing_logits(there, points)
-            losses["things"] = config.w_parts * known_entropy(told, things, inside)
+        if things is not None:
+            entropy = known_entropy(things, drawn.things, inside)
+            losses["things"] = config.w_parts * entropy
         return losses
 
-    def _parts(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
-        """Draw scenes and points on labelled objects.
+    def _told(self, grid: Tensor, points: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Return logits of parts and, if the network has the head, of things."""
+        context = self._context
+        features = context.features(grid, points)
+        parts = context.part_logits(features, points)
+        if context.things is None:
+            return parts, None
+        return parts, context.thing_logits(features, points)
 
-        Returns:
-            Volumes (B, 3, D, D, D), points (B, N, 3), and what the part and the whole
-            thing at each affords, both (B, N, A).
-        """
+    def _points(self, rng: np.random.Generator) -> PointBatch:
+        """Draw scenes and points on labelled objects."""
+        config = self._config
         volumes, points, classes, things = [], [], [], []
         for number in rng.integers(
-            len(self._scenes), size=POINT_SCENES * self._config.scenes_per_step
+            len(self._scenes), size=config.point_scenes * config.scenes_per_step
         ):
             entry: SceneEntry = self._scenes[number]
             turn, stretch = int(rng.integers(TURNS)), draw_stretch(rng)
@@ -145,8 +163,8 @@ class ContextStage:
             points.append((where + noise).astype(np.float32))
             classes.append(entry.part_classes[rows].astype(np.float32))
             things.append(entry.part_things[rows].astype(np.float32))
-        drawn = volumes, points, classes, things
-        return tuple(torch.from_numpy(np.stack(values)) for values in drawn)
+        lists = volumes, points, classes, things
+        return PointBatch(*(torch.from_numpy(np.stack(values)) for values in lists))
 
 
 def turned_entry(entry: GraspEntry, turn: int, shift: IntArray) -> GraspEntry:

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import json
 from dataclasses import replace
 
 import pytest
@@ -8,7 +9,7 @@ from labelled import CENTER, SIDE, TOP, labels_of
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.model import save_network
-from neugrasp_ros.training.binding import bind_folder
+from neugrasp_ros.training.binding import RUN_FILE, bind_folder
 
 STAGES = (TrainConfig(stage="quality"), TrainConfig(stage="joint"))
 SCENES = {"train": [labels_of(TOP, index=3)], "tune": [labels_of(SIDE, index=3)]}
@@ -52,4 +53,15 @@ def test_another_network_start_or_setting_is_refused(folder, start):
     seeded = (replace(STAGES[1], seed=1),)
     with pytest.raises(ConfigError, match="stage joint seed = 0, got 1"):
         bind_folder(folder, SMALL_NETWORK, seeded, start, SCENES)
+    bind_folder(folder, SMALL_NETWORK, STAGES, start, SCENES)
+
+
+def test_a_setting_younger_than_the_folder_had_its_default(folder, start):
+    path = folder / RUN_FILE
+    begun = json.loads(path.read_text())
+    del begun["stage joint"]["point_scenes"]
+    path.write_text(json.dumps(begun))
+    other = (replace(STAGES[1], point_scenes=5),)
+    with pytest.raises(ConfigError, match="stage joint point_scenes = 3, got 5"):
+        bind_folder(folder, SMALL_NETWORK, other, start, SCENES)
     bind_folder(folder, SMALL_NETWORK, STAGES, start, SCENES)

@@ -37,13 +37,29 @@ def test_an_entry_comes_back_as_it_was(tmp_path):
         np.testing.assert_array_equal(now, kept)
 
 
-@pytest.mark.parametrize("lacking", ["part_", "part_things"])
-def test_an_entry_of_an_older_cache_has_no_labelled_points(tmp_path, lacking):
-    entry, path = some_entry(), tmp_path / "0.npz"
-    save_entry(entry, path)
-    with np.load(path) as file:
-        kept = {k: file[k] for k in file.files if not k.startswith(lacking)}
-    np.savez_compressed(path, **kept)
+@pytest.fixture
+def without(tmp_path):
+    """Make an entry whose file lacks what begins so."""
+
+    def save(lacking):
+        entry, path = some_entry(), tmp_path / "0.npz"
+        save_entry(entry, path)
+        with np.load(path) as file:
+            kept = {k: file[k] for k in file.files if not k.startswith(lacking)}
+        np.savez_compressed(path, **kept)
+        return entry, path
+
+    return save
+
+
+def test_points_without_what_the_thing_affords_are_told(without):
+    _, path = without("part_things")
+    with pytest.raises(ShardError, match="lack what the whole thing affords; remove"):
+        load_entry(path)
+
+
+def test_an_entry_of_an_older_cache_has_no_labelled_points(without):
+    entry, path = without("part_")
     loaded = load_entry(path)
     assert loaded.part_points.shape == (0, 3)
     assert loaded.part_classes.shape == loaded.part_things.shape == (0, 7)

@@ -29,10 +29,13 @@ CONFIG = TrainConfig(
 
 
 def half_volume(seed: int) -> np.ndarray:
-    """Something on one side of a plane that is square to x or y, free on the other."""
+    """Something on one side of a plane that is square to x or y, free on the other.
+
+    Of even seeds it is deeper inside.
+    """
     rng = np.random.default_rng(seed)
     volume = np.full((SIZE,) * 3, 127, dtype=np.int8)
-    volume[: int(rng.integers(6, 10))] = -60
+    volume[: int(rng.integers(6, 10))] = -20 if seed % 2 else -100
     return np.rot90(volume, int(rng.integers(4)), axes=(0, 1)).copy()
 
 
@@ -82,8 +85,9 @@ def test_parts_are_learned_and_quality_stays(caches, network, tmp_path):
     chance = stage(10**6)
     optimise(network, stage, CONFIG, tmp_path / "run")
     learned = stage(10**6)
-    for name in ("parts", "things"):
-        assert learned[name].item() < 0.5 * chance[name].item(), name
+    assert learned["parts"].item() < 0.5 * chance["parts"].item()
+    blind = np.log(2) / 3  # two classes are constant, the third is not
+    assert learned["things"].item() < 0.5 * blind
     changed = {
         key for key, now in network.state_dict().items() if (now != before[key]).any()
     }

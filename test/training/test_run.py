@@ -12,7 +12,7 @@ from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.model import GraspNetwork, save_network
-from neugrasp_ros.training.cache import load_entry
+from neugrasp_ros.training.cache import POINT_SCALE, load_entry
 from neugrasp_ros.training.run import (
     DEFAULT_STAGES,
     TrainingRun,
@@ -21,6 +21,7 @@ from neugrasp_ros.training.run import (
     render_scenes,
     train_stage,
 )
+from neugrasp_ros.training.views import EDGE
 from sim_bridge.objects.affordances import AFFORDANCE_NAMES
 from sim_bridge.objects.registry import object_set
 from sim_bridge.scene import PlacedObject
@@ -99,8 +100,29 @@ def test_points_on_labelled_objects_are_rendered_with_a_scene(tmp_path):
     pour, cut = (AFFORDANCE_NAMES.index(name) for name in ("pour", "cut"))
     assert 0.3 < entry.part_classes[:, pour].mean() < 1.0  # a rim is for handing over
     assert not entry.part_classes[:, cut].any()
-    assert entry.part_things[:, pour].all()
-    assert not entry.part_things[:, cut].any()
+
+
+def test_points_know_what_their_own_thing_affords(tmp_path):
+    mug = labelled_mug()
+    (held,) = mug.scene.objects
+    knife = replace(
+        held, name="knife/chef/000000", T_task_object=translation(0.15, 0.25, CENTER[2])
+    )
+    plain = replace(
+        knife, set_name="procedural", name=object_set("procedural").names[0]
+    )
+    scene = replace(mug.scene, objects=(held, plain, knife))
+    render_scenes([replace(mug, scene=scene)], tmp_path, workers=1)
+    (entry,) = map(load_entry, tmp_path.glob("*.npz"))
+    on_knife = entry.part_points[:, 1] / POINT_SCALE * EDGE > 0.2
+    of = {name: AFFORDANCE_NAMES.index(name) for name in AFFORDANCE_NAMES}
+    for names, rows in ((("cut", "stab"), on_knife), (("wrap", "pour"), ~on_knife)):
+        assert rows.sum() > 200
+        columns = [of[name] for name in names]
+        assert entry.part_things[rows][:, columns].all()
+        assert not entry.part_things[~rows][:, columns].any()
+        assert not entry.part_classes[rows][:, columns].all()
+    assert entry.part_things[:, of["handover"]].all()
 
 
 @pytest.mark.parametrize(

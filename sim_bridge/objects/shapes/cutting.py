@@ -25,6 +25,8 @@ from sim_bridge.objects.shapes.building import (
 METAL_AND_PLASTIC = 1600.0  # density [kg/m^3]
 POINTED, BLUNT, BLADE = "handle", "blunt_handle", "blade"
 
+CHILD_BLADE = (0.055, 0.014)  # [m] at most as long, at least as wide
+
 Outline = list[tuple[float, float]]
 
 
@@ -197,7 +199,7 @@ def make_tailor_scissors(rng: np.random.Generator) -> Shape:
 def make_child_scissors(rng: np.random.Generator) -> Shape:
     """Short with round tips: they cut, they do not stab."""
     radius = rng.uniform(0.016, 0.02)
-    blade = (rng.uniform(0.04, 0.055), rng.uniform(0.014, 0.019))
+    blade = rng.uniform(0.04, CHILD_BLADE[0]), rng.uniform(CHILD_BLADE[1], 0.019)
     loop = (radius, radius * 0.9)
     return _scissors(rng, blade, rng.uniform(0.022, 0.03), (loop, loop), BLUNT)
 
@@ -271,7 +273,7 @@ def make_mixed_knife(rng: np.random.Generator) -> Shape:
 def make_mixed_scissors(rng: np.random.Generator) -> Shape:
     """Any blades between any two loops, with or without stout grips.
 
-    Short broad blades are mostly those of children's scissors, with round tips.
+    Most blades of the measures of children's scissors have round tips, as those have.
     """
     blade = (rng.uniform(0.042, 0.105), rng.uniform(0.0095, 0.023))
     shank = rng.uniform(0.02, 0.052)
@@ -279,8 +281,8 @@ def make_mixed_scissors(rng: np.random.Generator) -> Shape:
     other = one
     if rng.random() < 0.5:
         other = (rng.uniform(0.014, 0.034), rng.uniform(0.013, 0.019))
-    stubby = blade[0] < 0.06 and blade[1] > 0.27 * blade[0]
-    label = BLUNT if rng.random() < (0.8 if stubby else 0.15) else POINTED
+    is_stubby = blade[0] < CHILD_BLADE[0] and blade[1] > CHILD_BLADE[1]
+    label = BLUNT if rng.random() < (0.8 if is_stubby else 0.15) else POINTED
     extras: list[list[Part]] = []
     stout = rng.random() < 0.3
     for loop in (one, other):
