@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cached grasps as tensors: batches to learn from, or all of an entry in order."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,13 +26,17 @@ class GraspCache:
 
     Args:
         folder: Folder of grasp entries.
+        choose: Returns those of its files to read.
 
     Raises:
         EmptySceneError: If there is none.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.entries = [load_grasps(path) for path in sorted(folder.glob("*.npz"))]
+    def __init__(
+        self, folder: Path, choose: Callable[[Sequence[Path]], Sequence[Path]] = list
+    ) -> None:
+        paths = choose(sorted(folder.glob("*.npz")))
+        self.entries = [load_grasps(path) for path in paths]
         if not self.entries:
             raise EmptySceneError(f"{folder} holds no grasp entries")
 

@@ -3,9 +3,10 @@
 
 import os
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import timedelta
+from typing import TypeVar
 
 import torch
 import torch.distributed as dist
@@ -13,6 +14,8 @@ from torch import nn
 
 PATIENCE = timedelta(days=2)  # others wait while the first one renders scenes
 LAST_WORK = 0.2  # [s] for gloo's threads to let go of it; else leaving aborts at times
+
+Value = TypeVar("Value")
 
 
 @contextmanager
@@ -49,6 +52,11 @@ def process_rank() -> int:
 def is_first_process() -> bool:
     """Tell whether this process is the one that writes."""
     return process_rank() == 0
+
+
+def own_share(values: Sequence[Value]) -> Sequence[Value]:
+    """Return every n-th value for one of n processes; all where there are too few."""
+    return values[process_rank() :: process_count()] or values
 
 
 @contextmanager

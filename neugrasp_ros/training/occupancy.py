@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """First stage: the scene network learns to complete what one view shows."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -76,13 +77,16 @@ class SceneCache:
 
     Args:
         folder: Folder of scene entries.
+        choose: Returns those of its files to read.
 
     Raises:
         EmptySceneError: If there is none yet.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(
+        self, folder: Path, choose: Callable[[Sequence[Path]], Sequence[Path]] = list
+    ) -> None:
+        self._folder, self._choose = folder, choose
         self._entries: dict[str, SceneEntry] = {}
         self.rescan()
         if not self._entries:
@@ -90,7 +94,7 @@ class SceneCache:
 
     def rescan(self) -> None:
         """Read entries that are new."""
-        for path in entry_paths(self._folder):
+        for path in self._choose(list(entry_paths(self._folder))):
             if path.stem not in self._entries:
                 self._entries[path.stem] = load_entry(path)
         self.names = list(self._entries)

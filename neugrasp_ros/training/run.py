@@ -31,6 +31,7 @@ from neugrasp_ros.training.device import training_device
 from neugrasp_ros.training.distributed import (
     first_on_machine,
     is_first_process,
+    own_share,
     processes,
 )
 from neugrasp_ros.training.grasps import cache_grasps, known_affordances
@@ -221,7 +222,7 @@ def train_stage(
     try:
         if config.stage == "occupancy":
             network.to(training_device(config))
-            cache = SceneCache(folder / "scenes")
+            cache = SceneCache(folder / "scenes", own_share)
             stage = OccupancyStage(network.scene, cache, config)
             optimise(network.scene, stage, config, folder / config.stage, keep)
         else:
@@ -242,7 +243,7 @@ def _teach_grasps(
     network: GraspNetwork, config: TrainConfig, folder: Path, keep: Path | None
 ) -> None:
     """Run a stage that learns from cached grasps; it freezes what it does not teach."""
-    grasps = GraspCache(folder / "grasps")
+    grasps = GraspCache(folder / "grasps", own_share)
     network.train().to(training_device(config))
     if network.context is not None and config.stage != "context":
         detector: Any = network.detector
@@ -254,7 +255,7 @@ def _teach_grasps(
         quality = QualityStage(network, grasps, config)
         optimise(network.detector, quality, config, out, keep)
         return
-    rendered = SceneCache(folder / "scenes")
+    rendered = SceneCache(folder / "scenes", own_share)
     if config.stage == "context":
         context = ContextStage(network, grasps, rendered, config)
         optimise(network, context, config, out, keep)

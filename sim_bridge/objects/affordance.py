@@ -14,7 +14,8 @@ from sim_bridge.objects.shapes.assembly import Shape, assemble, seeded
 
 SET_NAME = "affordance"
 FIRST_HELD_OUT_SEED = 1_000_000
-N_SEEDS = 24  # listed per style; any other can be loaded
+N_SEEDS = 200  # listed per style; any other can be loaded
+N_HELD_OUT_SEEDS = 24  # listed per style for testing
 
 STYLES: Mapping[str, Mapping[str, Callable[[np.random.Generator], Shape]]] = (
     MappingProxyType(
@@ -108,7 +109,9 @@ def mixed_names(n_seeds: int = N_MIXED) -> list[str]:
     ]
 
 
-def held_out_names(n_seeds: int = N_SEEDS, *, styles: str = "all") -> list[str]:
+def held_out_names(
+    n_seeds: int = N_HELD_OUT_SEEDS, *, styles: str = "all"
+) -> list[str]:
     """Return names to test on, with seeds from 1,000,000.
 
     Args:

@@ -34,5 +34,7 @@ def test_two_processes_start_alike_draw_apart_and_end_alike(tmp_path):
     assert one["weights"] != one["first"]
     assert one["first"] == other["first"]
     assert one["drawn"] != other["drawn"]
+    assert (one["share"], other["share"]) == ("ace", "bd")
+    assert one["scarce"] == other["scarce"] == "a"
     assert (tmp_path / "once.txt").read_text() == "0"
     assert sorted(p.name for p in tmp_path.glob("state*")) == ["state.pt"]

@@ -10,6 +10,7 @@ import torch
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.training.distributed import (
     first_on_machine,
+    own_share,
     process_rank,
     processes,
     share_weights,
@@ -43,6 +44,7 @@ def main() -> None:
             "drawn": drawn, "first": first, "steps": steps,
             "weights": model[1].weight.tolist(),
             "statistics": model[0].running_mean.tolist(),
+            "share": own_share("abcde"), "scarce": own_share("a"),
         }  # fmt: skip
         (folder / f"rank_{rank}.json").write_text(json.dumps(report))
 
