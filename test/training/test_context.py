@@ -20,7 +20,7 @@ from test.grasp_entries import CLASSES, NETWORK, SIZE, grasp_entry
 
 CONFIG = TrainConfig(
     stage="context",
-    steps=60,
+    steps=120,
     scenes_per_step=4,
     grasps_per_scene=8,
     learning_rate=1e-2,
