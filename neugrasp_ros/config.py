@@ -15,7 +15,7 @@ import yaml
 
 from neugrasp_ros.errors import ConfigError
 
-Config = TypeVar("Config")
+Config = TypeVar("Config", bound="Checked")
 
 
 def option(
@@ -42,8 +42,9 @@ def option(
     return field(default=default, metadata=metadata)
 
 
+@dataclass(frozen=True)
 class Checked:
-    """Mixin that checks each field against its declared range or choices."""
+    """Base that checks each field against its declared range or choices."""
 
     def __post_init__(self) -> None:
         """Reject a value out of range.
@@ -51,7 +52,7 @@ class Checked:
         Raises:
             ConfigError: Naming the field, the value and what is allowed.
         """
-        for item in fields(self):  # type: ignore[arg-type]
+        for item in fields(self):
             value = getattr(self, item.name)
             bounds = item.metadata.get("range")
             if bounds and item.type is int and not isinstance(value, Integral):
@@ -285,7 +286,7 @@ def override(config_type: type[Config], values: dict[str, Any], where: str) -> C
         ConfigError: If a key is unknown (the known ones are listed) or a value is out
             of range or of the wrong type.
     """
-    known = {item.name: item for item in fields(config_type)}  # type: ignore[arg-type]
+    known = {item.name: item for item in fields(config_type)}
     unknown = sorted(set(values) - set(known))
     if unknown:
         raise ConfigError(f"{where}: unknown {unknown}; known: {sorted(known)}")

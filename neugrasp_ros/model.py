@@ -100,7 +100,7 @@ def quality_sha256(network: GraspNetwork) -> str:
         "part_head": False,
         "context": 0,
     }
-    del shape["thing_head"]
+    del shape["thing_head"]  # younger than the hashes in reports
     digest = hashlib.sha256(json.dumps(shape).encode())
     for key, tensor in sorted(network.state_dict().items()):
         if not key.startswith((CONTEXT, PARTS, AFFORDANCE_HEAD, "affordance_")):

@@ -60,7 +60,7 @@ def bind_folder(
     asked = json.loads(json.dumps(asked))
     before = json.loads(path.read_text()) if path.is_file() else {}
     for group in sorted(before.keys() & asked.keys()):
-        for name, value in {**_absent(asked, group), **before[group]}.items():
+        for name, value in {**_defaults(group, asked), **before[group]}.items():
             if asked[group].get(name) != value:
                 raise ConfigError(
                     f"{folder} was begun with {group} {name} = {value}, got "
@@ -72,13 +72,13 @@ def bind_folder(
     os.replace(part, path)
 
 
-def _absent(asked: dict[str, dict[str, Any]], group: str) -> dict[str, Any]:
-    """Return what holds for settings that are younger than a folder: the defaults."""
-    kind = group.partition(" ")[0]
-    if kind not in SETTINGS:
+def _defaults(group: str, asked: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Return what settings that are younger than a folder were: their defaults."""
+    settings = SETTINGS.get(group.partition(" ")[0])
+    if settings is None:
         return {}
-    defaults = asdict(SETTINGS[kind]())
-    return {name: defaults[name] for name in asked[group]}
+    values = json.loads(json.dumps(asdict(settings())))
+    return {name: values[name] for name in asked[group]}
 
 
 def _bound(stage: TrainConfig) -> dict[str, Any]:
