@@ -107,6 +107,9 @@ class NetworkConfig(Checked):
     context: int = option(
         0, "Features of the surroundings for the affordance head; 0 = none", 0, 512
     )
+    hand_view: int = option(
+        0, "Features of the view along the hand for the same; 0 = none", 0, 512
+    )
 
     def __post_init__(self) -> None:
         """Check every field, and that heads and context have what they need.
@@ -121,6 +124,8 @@ class NetworkConfig(Checked):
             raise ConfigError("context needs affordances, got none")
         if self.thing_head and not self.context:
             raise ConfigError("thing_head needs a context, got none")
+        if self.hand_view and not self.context:
+            raise ConfigError("hand_view needs a context, got none")
 
     @property
     def context_width(self) -> int:
@@ -129,6 +134,11 @@ class NetworkConfig(Checked):
         These are the features, then the probability of each class at that point.
         """
         return self.context + len(self.affordances) if self.context else 0
+
+    @property
+    def hand_width(self) -> int:
+        """How much the affordance head is told of the view along a hand."""
+        return self.hand_view + len(self.affordances) if self.hand_view else 0
 
 
 CPU_NETWORK = NetworkConfig(unet="residual", unet_depth=4, unet_channels=64)
@@ -214,7 +224,7 @@ class TrainConfig(Checked):
     stage: str = option(
         "occupancy",
         "What is trained",
-        choices=("occupancy", "quality", "joint", "context"),
+        choices=("occupancy", "quality", "joint", "hands", "context"),
     )
     steps: int = option(4000, "Optimiser steps", 1, 10_000_000)
     scenes_per_step: int = option(8, "Scenes that share one step", 1, 1024)
@@ -243,6 +253,11 @@ class TrainConfig(Checked):
     w_parts: float = option(
         1.0, "Weight of the losses of what part and thing at a point afford", 0.0, 100.0
     )
+    w_hands: float = option(
+        1.0, "Weight of the loss of what grasps afford by the view along the hand",
+        0.0, 100.0,
+    )  # fmt: skip
+    hands_per_scene: int = option(6, "Hands in each scene with points alone", 1, 512)
     seed: int = option(0, "Seed of every random choice", 0, 2**31 - 1)
     checkpoint_seconds: float = option(
         300.0, "Time between checkpoints [s]", 1.0, 600.0

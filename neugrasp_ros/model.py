@@ -18,12 +18,15 @@ from neugrasp_ros.errors import CheckpointError, ConfigError, NeuGraspError
 from neugrasp_ros.grasp.pointnet import DETECTORS
 from neugrasp_ros.resources import weights_dir
 from neugrasp_ros.scene.context import ContextNet
+from neugrasp_ros.scene.hand_view import HandView
 from neugrasp_ros.scene.network import SceneNetwork
 
 FORMAT = "neugrasp-1"
-SCENE, CONTEXT, PARTS = "scene.", "context.", "parts."  # how names of tensors begin
+SCENE, CONTEXT, PARTS, HANDS = "scene.", "context.", "parts.", "hands."
+"""How names of tensors begin."""
 AFFORDANCE_HEAD = "detector.affordance."
 AFFORDANCES = AFFORDANCE_HEAD, "affordance_calibration"
+NOT_QUALITY = CONTEXT, PARTS, HANDS, *AFFORDANCES
 ENCODER, RESIDUAL = "scene.encoder.", "scene.encoder.unet."
 
 
@@ -56,6 +59,7 @@ class GraspNetwork(nn.Module):
         if config.part_head:
             self.parts = nn.Linear(3 * config.channels, len(config.affordances))
         self.context = ContextNet(config) if config.context else None
+        self.hands = HandView(config) if config.hand_view else None
 
     def probability(self, quality_logits: Tensor) -> Tensor:
         """Turn quality logits into calibrated probabilities (Platt scaling)."""
@@ -100,10 +104,11 @@ def quality_sha256(network: GraspNetwork) -> str:
         "part_head": False,
         "context": 0,
     }
-    del shape["thing_head"]  # younger than the hashes in reports
+    for younger in ("thing_head", "hand_view"):  # than the hashes in reports
+        del shape[younger]
     digest = hashlib.sha256(json.dumps(shape).encode())
     for key, tensor in sorted(network.state_dict().items()):
-        if not key.startswith((CONTEXT, PARTS, AFFORDANCE_HEAD, "affordance_")):
+        if not key.startswith(NOT_QUALITY):
             digest.update(key.encode() + tensor.cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()
 
@@ -227,9 +232,9 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     tensors = {
         k: v
         for k, v in tensors.items()
-        if k in own or not k.startswith((CONTEXT, PARTS, *heads))
+        if k in own or not k.startswith((CONTEXT, PARTS, HANDS, *heads))
     }
-    if bool(network.config.context) != bool(source.config.context):
+    if _told(network.config) != _told(source.config):
         tensors = {k: _fitted(k, v, own.get(k)) for k, v in tensors.items()}
     if _encoder_shapes(tensors) != _encoder_shapes(own):
         tensors = {k: v for k, v in tensors.items() if not k.startswith(SCENE)}
@@ -244,16 +249,21 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     return tuple(sorted(set(own) - set(tensors)))
 
 
+def _told(config: NetworkConfig) -> tuple[bool, bool]:
+    """Return what the affordance head is told besides the local surface."""
+    return bool(config.context), bool(config.hand_view)
+
+
 def _encoder_shapes(tensors: dict[str, Tensor]) -> dict[str, torch.Size]:
     return {k: v.shape for k, v in tensors.items() if k.startswith(ENCODER)}
 
 
 def _fitted(key: str, tensor: Tensor, own: Tensor | None) -> Tensor:
-    """Return the affordance head's first layer without what the context told it.
+    """Return a layer of the affordance head without what it is told besides.
 
-    Inputs that it has not have zeros.
+    That comes last among its inputs; those that it has not had have zeros.
     """
-    if own is None or not key.startswith(f"{AFFORDANCE_HEAD}points."):
+    if own is None or not key.startswith(AFFORDANCE_HEAD):
         return tensor
     if tensor.dim() != 2 or own.shape[0] != tensor.shape[0]:
         return tensor

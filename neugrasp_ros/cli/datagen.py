@@ -34,6 +34,10 @@ def add_parser(
         "--gripper", default="mixed", help="name, YAML file, varied, or mixed"
     )
     parser.add_argument("--scenes", type=int, default=1000)
+    parser.add_argument(
+        "--count", type=int, default=0,
+        help="objects put on the table of each scene; default 0 draws their number",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
         "--split",
@@ -137,6 +141,7 @@ def _plan(args: argparse.Namespace) -> "tuple[RunPlan, str | None]":
         physics=not args.no_physics,
         candidates=CandidateConfig(n_trials=args.trials, **drawn),
         weights=(args.weights or str(default_weights())) if args.chosen else "",
+        count=args.count,
     )
     if engine == "local":  # other machines have folders of their own
         _require_parts(plan)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from neugrasp_ros.config import NetworkConfig, TrainConfig
 
 CONTEXT = 32  # features of the surroundings that the affordance head reads
+HAND_VIEW = 64  # features of the view along the hand
 
 
 def add_parser(
@@ -23,6 +24,11 @@ def add_parser(
         "train", help="train on labelled shards; also under torchrun"
     )
     parser.add_argument("--data", help="folders of training shards, comma separated")
+    parser.add_argument(
+        "--seen", default="",
+        help="more such folders, of which the stage context learns without the local "
+        "surfaces of their grasps, which take most of the time",
+    )  # fmt: skip
     parser.add_argument("--tune", type=Path, help="folder of shards to calibrate on")
     parser.add_argument(
         "--out", type=Path, help="default runs/train, or runs/smoke with --smoke"
@@ -41,8 +47,8 @@ def add_parser(
     )  # fmt: skip
     parser.add_argument(
         "--steps",
-        help="steps of the stages occupancy, quality, joint and context, such as "
-        "occupancy=3600,joint=600; 0 skips one",
+        help="steps of the stages occupancy, quality, joint, hands and context, such "
+        "as occupancy=3600,joint=600; 0 skips one",
     )
     parser.add_argument(
         "--local-view", default="rendered", choices=("rendered", "grid", "centre"),
@@ -90,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
             stages=stages,
             workers=args.workers,
             start=args.start,
+            seen=tuple(Path(folder) for folder in args.seen.split(",") if folder),
             keep=args.keep,
         )
     )
@@ -104,7 +111,8 @@ def _shape(
     """Return the named network, or that of the weights to begin with.
 
     It has a context if one is trained, or the weights to begin with have one, and so
-    with the thing head; ablations of the local view have none.
+    with the thing head and the view along the hand. Ablations of the local view have
+    none of them.
     """
     from neugrasp_ros.config import CPU_NETWORK, PAPER_NETWORK
     from neugrasp_ros.model import load_network
@@ -117,12 +125,15 @@ def _shape(
     taught = CONTEXT if any(s.stage == "context" for s in stages) else 0
     context = (before or taught) if args.local_view == "rendered" else 0
     things = taught or (started and started.thing_head)
+    heard = any(s.stage == "hands" for s in stages)
+    hands = HAND_VIEW if taught or heard else (started.hand_view if started else 0)
     return replace(
         shape,
         affordances=AFFORDANCE_NAMES,
         part_head=not context,
         thing_head=bool(context and things),
         context=context,
+        hand_view=hands if context else 0,
         local_view=args.local_view,
     )
 

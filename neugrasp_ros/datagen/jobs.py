@@ -40,6 +40,7 @@ class RunPlan:
         candidates: Numbers and kinds of grasps a scene.
         weights: Weights file of the network that chooses the grasps; empty draws them
             on the true surface.
+        count: Objects to put on the table; 0 draws their number for every scene.
     """
 
     objects: tuple[str, ...]
@@ -52,18 +53,21 @@ class RunPlan:
     physics: bool = True
     candidates: CandidateConfig = field(default_factory=CandidateConfig)
     weights: str = ""
+    count: int = 0
 
     def __post_init__(self) -> None:
         """Check that every kind of scene has objects.
 
         Raises:
-            ConfigError: If one has none, there is no scene to make, or the seed is
-                negative.
+            ConfigError: If one has none, there is no scene to make, or the seed or
+                the count is negative.
         """
         if self.n_scenes < 1:
             raise ConfigError(f"n_scenes must be positive, got {self.n_scenes}")
         if self.seed < 0:
             raise ConfigError(f"seed must be 0 or more, got {self.seed}")
+        if self.count < 0:
+            raise ConfigError(f"count must be 0 or more, got {self.count}")
         for kind in self.kinds():
             if not self.sets_for(kind):
                 raise ConfigError(f"no object set for {kind} scenes in {self.objects}")
@@ -106,6 +110,7 @@ class RunPlan:
             preset=self._preset(u[3]),
             candidates=self.candidates,
             weights=self.weights,
+            count=self.count,
         )
 
     def _preset(self, u: float) -> str:

@@ -55,6 +55,7 @@ class SceneJob:
         candidates: Numbers and kinds of grasps.
         weights: Weights file of the network that chooses the grasps in one view;
             empty draws them on the true surface.
+        count: Objects to put on the table; 0 draws their number.
     """
 
     index: int
@@ -66,6 +67,7 @@ class SceneJob:
     preset: str = "fast_shake"
     candidates: CandidateConfig = field(default_factory=CandidateConfig)
     weights: str = ""
+    count: int = 0
 
     def describe(self) -> str:
         """Return what names the job in a log."""
@@ -196,7 +198,7 @@ def label_scene(
         solver_iterations=FAST_ITERATIONS, sleeping=True, rigid_objects=True
     ) as world:
         scene = build_scene(
-            world, job.kind, objects, names, rng, count=None, seed=job.seed
+            world, job.kind, objects, names, rng, count=job.count or None, seed=job.seed
         )
         if not scene.objects:
             raise SimulationError(f"{job.describe()}: no object stayed on the table")

@@ -66,7 +66,8 @@ class NeuGraspDetector(nn.Module):
     """Quality and affordances from the local surface, with shared plane features.
 
     Quality and affordances have a point decoder each, on the same inputs; that of the
-    affordances reads the context too, if the network has one.
+    affordances reads the context and the view along the hand too, if the network has
+    them.
 
     Args:
         config: The network's shape.
@@ -81,7 +82,9 @@ class NeuGraspDetector(nn.Module):
         self.quality = _Head(inputs, 1, config)
         n_classes = len(config.affordances)
         wider = inputs + config.context_width
-        self.affordance = _Head(wider, n_classes, config) if n_classes else None
+        self.affordance = None
+        if n_classes:
+            self.affordance = _Head(wider, n_classes, config, config.hand_width)
 
     def forward(
         self,
@@ -89,6 +92,7 @@ class NeuGraspDetector(nn.Module):
         tokens: Tensor,
         plane_features: Tensor,
         context: Tensor | None = None,
+        hands: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Score grasps.
 
@@ -97,19 +101,20 @@ class NeuGraspDetector(nn.Module):
             tokens: Shape (G, TOKEN_FEATURES).
             plane_features: Plane features at the points, shape (G, P, 3 * C).
             context: What ``ContextNet.read`` says of them, shape (G, P, K).
+            hands: What ``HandView.described`` says of the grasps, shape (G, H).
 
         Returns:
             Quality logits (G,) and affordance logits (G, A).
         """
         points = self._points(point_features, plane_features)
-        return self._decided(points, tokens, None, context)
+        return self._decided(points, tokens, None, context, hands)
 
     def quality_alone(
         self, point_features: Tensor, tokens: Tensor, plane_features: Tensor
     ) -> Tensor:
         """Return the quality logits (G,) of ``forward``; they need no context."""
         points = self._points(point_features, plane_features)
-        logits: Tensor = self.quality(points, tokens, None)[:, 0]
+        logits: Tensor = self.quality(points, tokens, None, None)[:, 0]
         return logits
 
     def _points(self, point_features: Tensor, plane_features: Tensor) -> Tensor:
@@ -129,6 +134,7 @@ class NeuGraspDetector(nn.Module):
         counts: NDArray[np.int64],
         tokens: Tensor,
         context: Tensor | None = None,
+        hands: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Score grasps on a CPU by folded layers, as many points each as it has.
 
@@ -138,11 +144,12 @@ class NeuGraspDetector(nn.Module):
             counts: Points of each grasp, shape (G,).
             tokens: Shape (G, TOKEN_FEATURES).
             context: As of ``forward``, shape (N, K).
+            hands: As of ``forward``.
 
         Returns:
             As ``forward``.
         """
-        return self._decided(points, tokens, counts, context)
+        return self._decided(points, tokens, counts, context, hands)
 
     def _decided(
         self,
@@ -150,26 +157,29 @@ class NeuGraspDetector(nn.Module):
         tokens: Tensor,
         counts: NDArray[np.int64] | None,
         context: Tensor | None,
+        hands: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
-        quality = self.quality(points, tokens, counts)[:, 0]
+        quality = self.quality(points, tokens, counts, None)[:, 0]
         if self.affordance is None:
             return quality, quality.new_zeros(len(quality), 0)
         if context is not None:
             points = torch.cat([points, context], dim=-1)
-        return quality, self.affordance(points, tokens, counts)
+        return quality, self.affordance(points, tokens, counts, hands)
 
 
 class _Head(nn.Module):
     """A point decoder, joined by the grasp's token, and the layers that decide."""
 
-    def __init__(self, inputs: int, outputs: int, config: NetworkConfig) -> None:
+    def __init__(
+        self, inputs: int, outputs: int, config: NetworkConfig, more: int = 0
+    ) -> None:
         super().__init__()
         self.points: Any = DECODERS[config.decoder](inputs, config)
         self.token = nn.Sequential(
             nn.Linear(TOKEN_FEATURES, 64), nn.ReLU(), nn.Linear(64, 64), nn.ReLU()
         )
         self.decide = nn.Sequential(
-            nn.Linear(config.pointnet_out + 64, 128),
+            nn.Linear(config.pointnet_out + 64 + more, 128),
             nn.BatchNorm1d(128),
             nn.ReLU(),
             nn.Dropout(0.2),
@@ -179,13 +189,23 @@ class _Head(nn.Module):
         )
 
     def forward(
-        self, points: Tensor, tokens: Tensor, counts: NDArray[np.int64] | None
+        self,
+        points: Tensor,
+        tokens: Tensor,
+        counts: NDArray[np.int64] | None,
+        more: Tensor | None,
     ) -> Tensor:
-        """Pool points (G, P, F), or runs of them (N, F), and decide, (G, outputs)."""
+        """Pool points (G, P, F), or runs of them (N, F), and decide, (G, outputs).
+
+        What else is known of the grasps comes last, shape (G, H).
+        """
         local = (
             self.points(points)
             if counts is None
             else self.points.pooled(points, counts)
         )
-        logits: Tensor = self.decide(torch.cat([local.relu(), self.token(tokens)], 1))
+        known = [local.relu(), self.token(tokens)]
+        logits: Tensor = self.decide(
+            torch.cat(known if more is None else [*known, more], dim=1)
+        )
         return logits

@@ -174,7 +174,7 @@ class Evaluator:
     ) -> tuple[FloatArray, FloatArray]:
         """Return quality (G,) and affordances (G, A); 0 quality without a surface."""
         cubes = scene.cubes_of(grasps.poses[:, :3, 3])
-        quality, affordances = self._scorer(scene, inputs, cubes)
+        quality, affordances = self._scorer(scene, grasps.poses, inputs, cubes)
         quality[inputs.hits == 0] = 0.0
         return quality, affordances
 

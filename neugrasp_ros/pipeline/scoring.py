@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval, fuse_linear_bn_eval
 
+from neugrasp_ros.geometry.transform import canonical_gripper
 from neugrasp_ros.grasp.ablation import RENDERED
 from neugrasp_ros.grasp.inputs import LocalInputs
 from neugrasp_ros.grasp.pointnet import NeuGraspDetector
@@ -20,6 +21,8 @@ from neugrasp_ros.scene.cubes import cut
 from neugrasp_ros.scene.encoder import volume_channels
 from neugrasp_ros.scene.grid_decoder import read_projected
 from neugrasp_ros.scene.grid_reading import read_trilinear
+from neugrasp_ros.scene.hand_view import hands_at
+from neugrasp_ros.scene.heights import Relief, relief_of
 from neugrasp_ros.scene.workers import shared
 
 FloatArray = NDArray[np.float64]
@@ -47,8 +50,12 @@ class Scorer:
         self._context: Any = None
         if network.context is not None:
             self._context = fold_batch_norms(network.context)
+        self._hands: Any = None
+        if network.hands is not None:
+            self._hands = fold_batch_norms(network.hands)
         self._tables: tuple[EncodedScene, list[Float32Array]] | None = None
         self._grids: tuple[EncodedScene, list[Tensor]] | None = None
+        self._reliefs: tuple[EncodedScene, list[Relief]] | None = None
 
     @torch.no_grad()
     def prepare(self, scene: EncodedScene) -> None:
@@ -57,14 +64,21 @@ class Scorer:
             self._projected(scene)
         if self._context is not None:
             self._context_grids(scene, self._threads)
+        if self._hands is not None:
+            self._relief(scene)
 
     def __call__(
-        self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
+        self,
+        scene: EncodedScene,
+        poses: FloatArray,
+        inputs: LocalInputs,
+        cubes: NDArray[np.int64],
     ) -> tuple[FloatArray, FloatArray]:
         """Score grasps.
 
         Args:
             scene: The scene.
+            poses: Grasp poses ``T_task_gripper``, shape (G, 4, 4).
             inputs: What is known of each grasp.
             cubes: The cube whose features a grasp reads, shape (G,).
 
@@ -77,7 +91,8 @@ class Scorer:
         for start in range(0, len(cubes), BATCH):
             rows = slice(start, start + BATCH)
             some = LocalInputs._make(part[rows] for part in inputs)
-            logits = score(scene, some, cubes[rows])
+            hands = self._hands_told(scene, poses[rows], cubes[rows])
+            logits = score(scene, some, cubes[rows], hands)
             probability = self._network.probability(logits[0])
             afforded = self._network.affordance_probability(logits[1])
             quality[rows] = probability.cpu().double().numpy()
@@ -90,7 +105,11 @@ class Scorer:
         return on_cpu and isinstance(detector, NeuGraspDetector) and detector.takes_runs
 
     def _score(
-        self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
+        self,
+        scene: EncodedScene,
+        inputs: LocalInputs,
+        cubes: NDArray[np.int64],
+        hands: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
         """Return logits of quality and affordances from all points."""
         device = scene.planes.device
@@ -102,11 +121,17 @@ class Scorer:
             where = inputs.points_task.reshape(-1, 3)
             read = self._context_at(scene, where, np.repeat(cubes, n_points))
             arguments.append(read.unflatten(0, (-1, n_points)))
+        if hands is not None:
+            arguments.append(hands)
         logits: tuple[Tensor, Tensor] = self._detector(*arguments)
         return logits
 
     def _score_runs(
-        self, scene: EncodedScene, inputs: LocalInputs, cubes: NDArray[np.int64]
+        self,
+        scene: EncodedScene,
+        inputs: LocalInputs,
+        cubes: NDArray[np.int64],
+        hands: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
         """Return logits of quality and affordances from the distinct points."""
         n_points = inputs.point_features.shape[1]
@@ -124,9 +149,41 @@ class Scorer:
             context = self._context_at(scene, where, owners)
         tokens = torch.from_numpy(inputs.tokens)
         logits: tuple[Tensor, Tensor] = self._detector.score_runs(
-            points, counts, tokens, context
+            points, counts, tokens, context, hands
         )
         return logits
+
+    def _hands_told(
+        self, scene: EncodedScene, poses: FloatArray, cubes: NDArray[np.int64]
+    ) -> Tensor | None:
+        """Return what the view along each hand tells, (G, H), if there is one."""
+        if self._hands is None:
+            return None
+        poses = canonical_gripper(poses)
+        reliefs = self._relief(scene)
+        device = scene.planes.device
+        told = torch.empty((len(poses), self._network.config.hand_width), device=device)
+        for cube in np.unique(cubes):
+            rows = np.flatnonzero(cubes == cube)
+            centers, axes = (
+                torch.from_numpy(part.astype(np.float32)).to(device)[None]
+                for part in (
+                    scene.in_cube(cube, poses[rows, :3, 3]),
+                    poses[rows, :3, :3],
+                )
+            )
+            features = self._hands(reliefs[cube], hands_at(centers, axes))
+            told[torch.from_numpy(rows).to(device)] = self._hands.described(features)
+        return told
+
+    def _relief(self, scene: EncodedScene) -> list[Relief]:
+        """Return each cube's relief."""
+        if self._reliefs is None or self._reliefs[0] is not scene:
+            self._reliefs = (
+                scene,
+                [relief_of(_channels(scene, corner)) for corner in scene.corners],
+            )
+        return self._reliefs[1]
 
     def _context_at(
         self, scene: EncodedScene, points: Float32Array, cubes: NDArray[np.int64]
@@ -159,9 +216,7 @@ class Scorer:
         if self._grids is None or self._grids[0] is not scene:
 
             def see(corner: NDArray[np.int64]) -> Tensor:
-                part = cut(scene.volume.distances, corner, scene.cube_voxels)
-                volume = torch.from_numpy(volume_channels(part))[None]
-                grid: Tensor = self._context(volume.to(scene.planes.device))
+                grid: Tensor = self._context(_channels(scene, corner))
                 return grid.contiguous(memory_format=torch.channels_last_3d)
 
             self._grids = (scene, shared(see, list(scene.corners), threads))
@@ -204,6 +259,12 @@ class Scorer:
             ),
         )
         return read.unflatten(0, (-1, n_points))
+
+
+def _channels(scene: EncodedScene, corner: NDArray[np.int64]) -> Tensor:
+    """Return the channels of the cube at a corner, shape (1, 3, D, D, D)."""
+    part = cut(scene.volume.distances, corner, scene.cube_voxels)
+    return torch.from_numpy(volume_channels(part))[None].to(scene.planes.device)
 
 
 def _read_by_cube(

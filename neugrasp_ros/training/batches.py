@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neugrasp_ros.errors import EmptySceneError
+from neugrasp_ros.geometry.transform import canonical_gripper
 from neugrasp_ros.grasp.ablation import RENDERED, restricted_inputs
 from neugrasp_ros.grasp.inputs import LocalInputs, mirror_inputs, perturbed
 from neugrasp_ros.scene.encoder import volume_channels
@@ -62,6 +63,8 @@ class GraspBatch:
         local_occupied: Shape (B, M).
         local_classes: 0 or 1, shape (B, M, A); 0 where not known.
         local_known: Points whose classes are known, shape (B, M).
+        centers: Midpoints between the pads in units of the edge, shape (B, K, 3).
+        axes: Rotations of the canonical gripper frames, shape (B, K, 3, 3).
     """
 
     volumes: Tensor
@@ -76,6 +79,8 @@ class GraspBatch:
     local_occupied: Tensor
     local_classes: Tensor
     local_known: Tensor
+    centers: Tensor
+    axes: Tensor
 
 
 def make_batch(
@@ -154,6 +159,7 @@ def _stack(
     classes = np.stack([e.local_classes[some] for e, some in local])
     classes_known = (classes != NOT_KNOWN).all(axis=2)
     volumes = [volume_channels(dequantise(entry.volume)) for entry in entries]
+    poses = np.stack([entry.poses[some] for entry, some in pairs]).astype(np.float64)
     return GraspBatch(
         torch.from_numpy(np.stack(volumes)),
         torch.from_numpy(np.stack([i.points_task.reshape(-1, 3) for i in inputs])),
@@ -167,6 +173,8 @@ def _stack(
         _floats(np.stack([e.local_occupied[some] for e, some in local])),
         _floats(np.where(classes_known[..., None], classes, 0)),
         torch.from_numpy(classes_known),
+        _floats(poses[..., :3, 3] / EDGE),
+        _floats(canonical_gripper(poses)[..., :3, :3]),
     )
 
 

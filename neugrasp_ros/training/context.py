@@ -6,6 +6,7 @@ what is learned comes from points on labelled objects, of which a scene without 
 physics has thousands; the head learns on the grasps.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,19 +16,34 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neugrasp_ros.config import TrainConfig
+from neugrasp_ros.datagen.labels import SceneLabels
 from neugrasp_ros.errors import ConfigError, EmptySceneError
 from neugrasp_ros.grasp.ablation import RENDERED
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.scene.encoder import volume_channels
+from neugrasp_ros.scene.hand_view import hands_at
+from neugrasp_ros.scene.heights import relief_of
 from neugrasp_ros.training.batches import GraspCache, make_batch
 from neugrasp_ros.training.cache import POINT_SCALE, SceneEntry
 from neugrasp_ros.training.device import device_of, moved
-from neugrasp_ros.training.grasps import LOCAL_NOISE, NOT_KNOWN, GraspEntry
+from neugrasp_ros.training.grasps import (
+    LOCAL_NOISE,
+    NOT_KNOWN,
+    GraspEntry,
+)
+from neugrasp_ros.training.hands import (
+    drawn_hands,
+    scene_hands,
+    turned_axes,
+    twinned,
+    unknown_hand,
+)
 from neugrasp_ros.training.losses import affordance_loss, known_entropy
 from neugrasp_ros.training.occupancy import SceneCache, turn_points, turn_volume
 from neugrasp_ros.training.quality import grasp_logits
 from neugrasp_ros.training.stretching import (
     draw_stretch,
+    stretched_axes,
     stretched_points,
     stretched_volume,
 )
@@ -48,12 +64,20 @@ class PointBatch(NamedTuple):
         points: In units of the edge, shape (B, N, 3).
         classes: What the part at each affords, 0 or 1, shape (B, N, A).
         things: What any part of the thing at each affords, alike.
+        centers: Midpoints between the pads of K hands, shape (B, K, 3).
+        axes: Their axes, columns of any length, shape (B, K, 3, 3).
+        afforded: What they afford, 0 or 1, shape (B, K, A).
+        known: Whether that is known, shape (B, K).
     """
 
     volumes: Tensor
     points: Tensor
     classes: Tensor
     things: Tensor
+    centers: Tensor
+    axes: Tensor
+    afforded: Tensor
+    known: Tensor
 
 
 class ContextStage:
@@ -67,6 +91,8 @@ class ContextStage:
         grasps: Grasp entries; those that know of no affordance are left out.
         scenes: Scene entries; those without labelled points are left out.
         config: Batch sizes and weights.
+        labels: The labelled scenes, whose grasps teach the view along the hand; a
+            scene entry is called by its scene's number.
 
     Raises:
         ConfigError: If the network has no context, or does not see local surfaces.
@@ -79,6 +105,7 @@ class ContextStage:
         grasps: GraspCache,
         scenes: SceneCache,
         config: TrainConfig,
+        labels: Sequence[SceneLabels] = (),
     ) -> None:
         if network.context is None:
             raise ConfigError("the stage 'context' needs a network with context")
@@ -92,12 +119,21 @@ class ContextStage:
         self._grasps = [entry for entry in map(_known, grasps.entries) if entry]
         named = [scenes[name] for name in scenes.names]
         self._scenes = [entry for entry in named if len(entry.part_points)]
+        known = {scene.index: scene_hands(scene) for scene in labels}
+        nobody = unknown_hand(len(network.config.affordances))
+        self._hands = [
+            hands if hands is not None and len(hands.known) else nobody
+            for name in scenes.names
+            if len(scenes[name].part_points)
+            for hands in [known.get(int(name))]
+        ]
         if not self._grasps or not self._scenes:
             raise EmptySceneError("no scene has grasps or points of labelled objects")
         network.eval().requires_grad_(False)
         detector: Any = network.detector
-        for part in (network.context, detector.affordance):
-            part.train().requires_grad_(True)
+        for part in (network.context, detector.affordance, network.hands):
+            if part is not None:
+                part.train().requires_grad_(True)
 
     def __call__(self, step: int) -> dict[str, Tensor]:
         """Return the losses of a step; its batch depends on the seed and the step."""
@@ -112,7 +148,9 @@ class ContextStage:
             for i, turn, shift in zip(chosen, turns, shifts, strict=True)
         ]
         device = device_of(network)
-        batch = moved(make_batch(entries, config.grasps_per_scene, rng), device)
+        batch = make_batch(entries, config.grasps_per_scene, rng)
+        axes = torch.from_numpy(twinned(batch.axes.numpy(), rng))
+        batch = moved(replace(batch, axes=axes), device)
         drawn = PointBatch(*(values.to(device) for values in self._points(rng)))
         grid = self._context(torch.cat([batch.volumes, drawn.volumes]))
         with torch.no_grad(), torch.autocast(device.type, enabled=False):
@@ -133,6 +171,14 @@ class ContextStage:
         if things is not None:
             entropy = known_entropy(things, drawn.things, inside)
             losses["things"] = config.w_parts * entropy
+        if network.hands is not None:
+            hands = hands_at(drawn.centers, drawn.axes)
+            seen = network.hands(relief_of(drawn.volumes), hands)
+            losses["hands"] = config.w_hands * known_entropy(
+                network.hands.classes(seen),
+                drawn.afforded.flatten(0, 1),
+                drawn.known.flatten(0, 1),
+            )
         return losses
 
     def _told(self, grid: Tensor, points: Tensor) -> tuple[Tensor, Tensor | None]:
@@ -147,7 +193,7 @@ class ContextStage:
     def _points(self, rng: np.random.Generator) -> PointBatch:
         """Draw scenes and points on labelled objects."""
         config = self._config
-        volumes, points, classes, things = [], [], [], []
+        columns: list[tuple[Any, ...]] = []
         for number in rng.integers(
             len(self._scenes), size=config.point_scenes * config.scenes_per_step
         ):
@@ -157,13 +203,24 @@ class ContextStage:
             rows = rng.integers(len(entry.part_points), size=POINTS_PER_SCENE)
             where = entry.part_points[rows].astype(np.float32) / np.float32(POINT_SCALE)
             where = stretched_points(turn_points(where, turn), stretch)
+            hands = drawn_hands(self._hands[number], config.hands_per_scene, rng)
+            axes = twinned(stretched_axes(turned_axes(hands.axes, turn), stretch), rng)
+            centers = stretched_points(turn_points(hands.centers, turn), stretch)
             noise = rng.normal(0, LOCAL_NOISE / EDGE, where.shape)
             there = stretched_volume(turn_volume(view, turn), stretch)
-            volumes.append(volume_channels(dequantise(there)))
-            points.append((where + noise).astype(np.float32))
-            classes.append(entry.part_classes[rows].astype(np.float32))
-            things.append(entry.part_things[rows].astype(np.float32))
-        lists = volumes, points, classes, things
+            columns.append(
+                (
+                    volume_channels(dequantise(there)),
+                    (where + noise).astype(np.float32),
+                    entry.part_classes[rows].astype(np.float32),
+                    entry.part_things[rows].astype(np.float32),
+                    centers,
+                    axes,
+                    hands.classes,
+                    hands.known,
+                )
+            )
+        lists = zip(*columns, strict=True)
         return PointBatch(*(torch.from_numpy(np.stack(values)) for values in lists))
 
 
@@ -171,7 +228,7 @@ def turned_entry(entry: GraspEntry, turn: int, shift: IntArray) -> GraspEntry:
     """Turn what was seen as of ``turn_volume``, then move it.
 
     Grasps keep what is in their own frames: mirrored scenes go with unmirrored hands,
-    which ``make_batch`` mirrors at random.
+    which ``make_batch`` mirrors at random. Their poses are turned, and mirrored, too.
 
     Args:
         entry: One view and its grasps.
@@ -180,16 +237,21 @@ def turned_entry(entry: GraspEntry, turn: int, shift: IntArray) -> GraspEntry:
     """
     size = len(entry.volume)
 
-    def carried(points: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        scaled = points.astype(np.float32) / np.float32(POINT_SCALE)
-        there = turn_points(scaled, turn) + _step(shift, size)
+    def scaled(points: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        where = points.astype(np.float32) / np.float32(POINT_SCALE)
+        there = turn_points(where, turn) + _step(shift, size)
         return np.round(np.clip(there, 0, 1) * POINT_SCALE).astype(np.uint16)
 
+    poses = entry.poses.copy()
+    centers = turn_points(poses[:, :3, 3] / np.float32(EDGE), turn)
+    poses[:, :3, 3] = (centers + _step(shift, size)) * np.float32(EDGE)
+    poses[:, :3, :3] = turned_axes(poses[:, :3, :3], turn)
     return replace(
         entry,
         volume=moved_volume(turn_volume(entry.volume, turn), shift),
-        points=carried(entry.points),
-        local_points=carried(entry.local_points),
+        points=scaled(entry.points),
+        local_points=scaled(entry.local_points),
+        poses=poses,
     )
 
 

@@ -12,6 +12,8 @@ from torch.nn.functional import binary_cross_entropy_with_logits as bce
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.model import GraspNetwork
+from neugrasp_ros.scene.hand_view import hands_at
+from neugrasp_ros.scene.heights import relief_of
 from neugrasp_ros.training.batches import (
     GraspBatch,
     GraspCache,
@@ -47,6 +49,10 @@ def grasp_logits(
         grid = network.context(batch.volumes) if grid is None else grid
         told = network.context.read(grid, batch.points)
         arguments.append(told.reshape(*batch.point_features.shape[:2], -1))
+    if network.hands is not None:
+        hands = hands_at(batch.centers, batch.axes)
+        seen = network.hands(relief_of(batch.volumes), hands)
+        arguments.append(network.hands.described(seen))
     logits: tuple[Tensor, Tensor] = network.detector(*arguments)
     return logits
 

@@ -35,6 +35,7 @@ from neugrasp_ros.training.distributed import (
     processes,
 )
 from neugrasp_ros.training.grasps import cache_grasps, known_affordances
+from neugrasp_ros.training.hands import HandStage
 from neugrasp_ros.training.loop import optimise
 from neugrasp_ros.training.occupancy import OccupancyStage, SceneCache
 from neugrasp_ros.training.portable import drop_stage
@@ -61,6 +62,8 @@ class TrainingRun:
         stages: The stages in order; a stage that is done is skipped.
         workers: Processes that render scenes.
         start: Weights to begin with; None = from nothing.
+        seen: Folders of shards of which the stage ``context`` learns the points and the
+            hands alone: no local surfaces are rendered, which takes most of the time.
         keep: Folder of small files to commit, from which the run goes on where
             ``folder`` is lost; emptied when the weights are written.
     """
@@ -73,6 +76,7 @@ class TrainingRun:
     stages: tuple[TrainConfig, ...]
     workers: int = 1
     start: Path | None = None
+    seen: tuple[Path, ...] = ()
     keep: Path | None = None
 
 
@@ -84,6 +88,10 @@ DEFAULT_STAGES = (
     TrainConfig(
         stage="joint", steps=1500, grasps_per_scene=16, learning_rate=5e-4,
         constant_share=0.4, w_occupancy=4.0,
+    ),
+    TrainConfig(
+        stage="hands", steps=6000, scenes_per_step=32, learning_rate=3e-3,
+        weight_decay=1e-2, constant_share=0.4,
     ),
     TrainConfig(
         stage="context", steps=12_000, scenes_per_step=4, grasps_per_scene=16,
@@ -111,7 +119,7 @@ def train(run: TrainingRun) -> dict[str, Any]:
     """
     scenes = [
         replace(labels, index=number * FOLDER_STRIDE + labels.index)
-        for number, folder in enumerate(run.train)
+        for number, folder in enumerate(run.train + run.seen)
         for labels in load_shards(folder)
     ]
     tune = list(load_shards(run.tune))
@@ -132,12 +140,14 @@ def _run_stages(
             render_scenes(scenes, run.folder / "scenes", run.workers)
             render_scenes(tune, run.folder / "tune_scenes", run.workers)
     for config in run.stages:
-        if config.stage == "context" and network.context is None:
+        if _is_left_out(config.stage, network):
             continue
         torch.set_num_threads(config.threads or torch.get_num_threads())
+        seen = [s for s in scenes if s.index >= len(run.train) * FOLDER_STRIDE]
         train_stage(
-            network, config, run.folder, scenes, workers=run.workers, keep=run.keep
-        )
+            network, config, run.folder, scenes[: len(scenes) - len(seen)],
+            seen=seen, workers=run.workers, keep=run.keep,
+        )  # fmt: skip
         LOGGER.info("stage %s is done", config.stage)
     network.eval()
     return network
@@ -153,7 +163,7 @@ def _finish(
     card: dict[str, Any] = {"stages": [asdict(stage) for stage in run.stages]}
     if run.start is not None:
         card["start"] = file_sha256(run.start)
-    learned = {stage.stage for stage in run.stages} != {"context"}
+    learned = bool({stage.stage for stage in run.stages} - {"hands", "context"})
     card |= calibrate(network, run.folder, tune, quality=learned or run.start is None)
     card["scenes"] = len(scenes)
     card["labels"] = int(sum(s.grasps.judged().sum() for s in scenes))
@@ -174,13 +184,14 @@ def _new_network(run: TrainingRun, scenes: Sequence[SceneLabels]) -> GraspNetwor
     if config.affordances and not known:
         LOGGER.info("no scene has affordance labels: the heads are left out")
         config = replace(
-            config, affordances=(), part_head=False, thing_head=False, context=0
-        )
+            config,
+            affordances=(), part_head=False, thing_head=False, context=0, hand_view=0,
+        )  # fmt: skip
     network = GraspNetwork(config)
     stages = {stage.stage for stage in run.stages}
-    if stages == {"context"} and not config.context:
+    if stages <= {"hands", "context"} and not config.context:
         raise ConfigError(
-            "the stage 'context' alone teaches a network without context nothing"
+            f"the stages {sorted(stages)} alone teach a network without context nothing"
         )
     if config.context and "context" not in stages:
         LOGGER.warning(
@@ -205,6 +216,7 @@ def train_stage(
     folder: Path,
     scenes: Sequence[SceneLabels],
     *,
+    seen: Sequence[SceneLabels] = (),
     workers: int = 1,
     keep: Path | None = None,
 ) -> None:
@@ -215,12 +227,18 @@ def train_stage(
         config: The stage.
         folder: The run's folder.
         scenes: The labelled scenes.
+        seen: Scenes of which the context learns points and hands alone.
         workers: Processes that look at grasps.
         keep: Folder of small copies of the state, see ``optimise``.
     """
     network.train()
     try:
-        if config.stage == "occupancy":
+        if config.stage == "hands":
+            network.to(training_device(config))
+            cache = SceneCache(folder / "scenes", own_share)
+            hands = HandStage(network, cache, config, [*scenes, *seen])
+            optimise(network, hands, config, folder / config.stage, keep)
+        elif config.stage == "occupancy":
             network.to(training_device(config))
             cache = SceneCache(folder / "scenes", own_share)
             stage = OccupancyStage(network.scene, cache, config)
@@ -234,21 +252,33 @@ def train_stage(
                         n_views=GRASP_VIEWS_PER_SCENE, seed=config.seed,
                         workers=workers,
                     )  # fmt: skip
-            _teach_grasps(network, config, folder, keep)
+            _teach_grasps(network, config, folder, [*scenes, *seen], keep)
     finally:
         network.cpu().requires_grad_(True)
 
 
+def _is_left_out(stage: str, network: GraspNetwork) -> bool:
+    """Tell whether a network has nothing that a stage would teach."""
+    return {"context": network.context, "hands": network.hands}.get(stage, network) is (
+        None
+    )
+
+
 def _teach_grasps(
-    network: GraspNetwork, config: TrainConfig, folder: Path, keep: Path | None
+    network: GraspNetwork,
+    config: TrainConfig,
+    folder: Path,
+    scenes: Sequence[SceneLabels],
+    keep: Path | None,
 ) -> None:
     """Run a stage that learns from cached grasps; it freezes what it does not teach."""
     grasps = GraspCache(folder / "grasps", own_share)
     network.train().to(training_device(config))
     if network.context is not None and config.stage != "context":
         detector: Any = network.detector
-        for part in (network.context, detector.affordance):
-            part.eval().requires_grad_(False)
+        for part in (network.context, detector.affordance, network.hands):
+            if part is not None:
+                part.eval().requires_grad_(False)
     out = folder / config.stage
     if config.stage == "quality":
         network.scene.eval()  # with its running statistics, as when it is used
@@ -257,7 +287,7 @@ def _teach_grasps(
         return
     rendered = SceneCache(folder / "scenes", own_share)
     if config.stage == "context":
-        context = ContextStage(network, grasps, rendered, config)
+        context = ContextStage(network, grasps, rendered, config, scenes)
         optimise(network, context, config, out, keep)
         return
     occupancy = OccupancyStage(network.scene, rendered, config)

@@ -39,7 +39,7 @@ def test_words_become_a_plan(calls, capsys):
     args = parse(
         "--out", "d", "--objects", "pile:x,packed:y", "--gripper", "panda",
         "--scenes", "7", "--seed", "4", "--workers", "3", "--split", "tune",
-        "--no-physics",
+        "--no-physics", "--count", "2",
     )  # fmt: skip
     assert args.run(args) == 0
     plan, folder, kwargs = calls[0]
@@ -51,6 +51,7 @@ def test_words_become_a_plan(calls, capsys):
         "tune",
     )
     assert not plan.physics
+    assert {job.count for job in plan.jobs()} == {2}
     assert folder == "d"
     assert (kwargs["n_workers"], kwargs["dask_address"]) == (3, None)
     assert "7/7 scenes" in capsys.readouterr().out
@@ -133,6 +134,7 @@ def test_the_engine_needs_an_address_when_it_is_dask(calls):
         (("--scenes", "-1"), "--scenes must be positive, got -1"),
         (("--workers", "0"), "--workers must be positive, got 0"),
         (("--seed", "-1"), "seed must be 0 or more, got -1"),
+        (("--count", "-1"), "count must be 0 or more, got -1"),
     ],
 )
 def test_what_makes_no_sense_is_refused(calls, words, message):

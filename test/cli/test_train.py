@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from diamond import SMALL_NETWORK
 
-from neugrasp_ros.cli.train import CONTEXT, _shape, _stages, add_parser
+from neugrasp_ros.cli.train import CONTEXT, HAND_VIEW, _shape, _stages, add_parser
 from neugrasp_ros.config import CPU_NETWORK, PAPER_NETWORK
 from neugrasp_ros.errors import CheckpointError
 from neugrasp_ros.model import GraspNetwork, save_network
@@ -38,12 +38,11 @@ def saved(tmp_path):
 def test_a_network_has_the_shape_asked_for_or_else_that_of_the_start(parsed, saved):
     small = replace(AFFORDING, unet="residual", context=CONTEXT)
     start = saved(small)
-    heads = {
-        "affordances": AFFORDANCE_NAMES, "context": CONTEXT, "thing_head": True
-    }  # fmt: skip
+    taught = {"thing_head": True, "hand_view": HAND_VIEW}
+    heads = {"affordances": AFFORDANCE_NAMES, "context": CONTEXT, **taught}
     assert shape(parsed()) == replace(CPU_NETWORK, **heads)
     assert shape(parsed("--network", "paper")) == replace(PAPER_NETWORK, **heads)
-    assert shape(parsed("--start", start)) == replace(small, thing_head=True)
+    assert shape(parsed("--start", start)) == replace(small, **taught)
     both = parsed("--start", start, "--network", "cpu")
     assert shape(both) == replace(CPU_NETWORK, **heads)
 
@@ -55,6 +54,7 @@ def test_a_context_stays_once_it_is_there_and_the_part_head_goes(parsed, saved):
     kept = shape(parsed("--start", saved(replace(plain, context=CONTEXT)), *without))
     assert (kept.context, kept.part_head) == (CONTEXT, False)
     assert not kept.thing_head  # which nothing would teach
+    assert not kept.hand_view
     blind = shape(parsed("--local-view", "grid"))
     assert (blind.local_view, blind.context, blind.part_head) == ("grid", 0, True)
 

@@ -112,6 +112,11 @@ def test_a_varied_gripper_is_another_one_in_every_scene():
     assert one.max_opening != other.max_opening
 
 
+def test_there_are_as_many_objects_as_asked_for():
+    scene = label(dataclasses.replace(JOB, count=1, preset=WITHOUT_PHYSICS))
+    assert len(scene.scene.objects) == 1
+
+
 @pytest.mark.slow
 def test_grasps_on_parts_of_labelled_things_say_what_they_afford():
     job = dataclasses.replace(JOB, objects="affordance", index=0)

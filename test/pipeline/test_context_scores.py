@@ -11,12 +11,15 @@ from diamond import AFFORDING_NETWORK, EDGE, diamond_network
 
 from neugrasp_ros.config import PlannerConfig
 from neugrasp_ros.fusion.tsdf import empty_volume
+from neugrasp_ros.geometry.transform import canonical_gripper, flip_gripper
 from neugrasp_ros.model import save_network
 from neugrasp_ros.pipeline import GraspPlanner
 from neugrasp_ros.pipeline.scoring import Scorer
 from neugrasp_ros.scene.encoder import volume_channels
+from neugrasp_ros.scene.hand_view import hands_at
+from neugrasp_ros.scene.heights import relief_of
 
-CONTEXT_NETWORK = replace(AFFORDING_NETWORK, context=4)
+CONTEXT_NETWORK = replace(AFFORDING_NETWORK, context=4, hand_view=4)
 SIZE = CONTEXT_NETWORK.resolution
 
 
@@ -51,8 +54,9 @@ def test_distinct_points_are_told_what_all_are(network, planner, length):
     cubes = scene.cubes_of(grasps.poses[:, :3, 3])
     scorer = Scorer(network, threads=2)
     with torch.no_grad():
-        some = scorer._score_runs(scene, inputs, cubes)
-        every = scorer._score(scene, inputs, cubes)
+        hands = scorer._hands_told(scene, grasps.poses, cubes)
+        some = scorer._score_runs(scene, inputs, cubes, hands)
+        every = scorer._score(scene, inputs, cubes, hands)
     for one, other in zip(some, every, strict=True):
         torch.testing.assert_close(one, other, atol=1e-4, rtol=1e-4)
     assert some[1].std() > 1e-3
@@ -72,8 +76,25 @@ def test_points_are_told_what_the_network_itself_tells(network, planner):
     torch.testing.assert_close(told, expected, atol=1e-4, rtol=1e-4)
 
 
+@torch.no_grad()
+def test_hands_are_told_what_the_network_itself_tells(network, planner):
+    scene = planner.encode(seen_volume(), revision=1)
+    grasps = planner.sample(scene, seed=3, max_candidates=6)
+    cubes = np.zeros(len(grasps), dtype=np.int64)
+    told = Scorer(network)._hands_told(scene, grasps.poses, cubes)
+    twins = Scorer(network)._hands_told(scene, flip_gripper(grasps.poses), cubes)
+    torch.testing.assert_close(told, twins, atol=1e-5, rtol=1e-4)
+    volume = torch.from_numpy(volume_channels(scene.volume.distances))[None]
+    poses = torch.from_numpy(canonical_gripper(grasps.poses).astype(np.float32))[None]
+    hands = hands_at(poses[..., :3, 3] / EDGE, poses[..., :3, :3])
+    seen = network.hands(relief_of(volume), hands)
+    expected = network.hands.described(seen)
+    torch.testing.assert_close(told, expected, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("part", ["context.last", "hands.classes"])
 def test_context_changes_what_a_grasp_affords_and_not_whether_it_holds(
-    network, planner
+    network, planner, part
 ):
     scene = planner.encode(seen_volume(), revision=1)
     grasps = planner.sample(scene, seed=3, max_candidates=6)
@@ -81,9 +102,9 @@ def test_context_changes_what_a_grasp_affords_and_not_whether_it_holds(
     cubes = scene.cubes_of(grasps.poses[:, :3, 3])
     other = copy.deepcopy(network)
     with torch.no_grad():
-        other.context.last.bias.add_(1.0)
+        other.get_submodule(part).bias.add_(1.0)
         (held, first), (still_held, second) = (
-            Scorer(n)(scene, inputs, cubes) for n in (network, other)
+            Scorer(n)(scene, grasps.poses, inputs, cubes) for n in (network, other)
         )
     np.testing.assert_array_equal(held, still_held)
     assert np.abs(first - second).min() > 1e-6

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from labelled import SIDE, TOP, labels_of
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.errors import ConfigError, EmptySceneError
@@ -110,6 +111,25 @@ def test_things_are_not_asked_for_without_their_head(caches):
     assert set(ContextStage(network, *caches, CONFIG)(0)) == {"affordance", "parts"}
     with pytest.raises(ConfigError, match="has no thing_head"):
         network.context.thing_logits(torch.zeros(1, 2, 4), torch.zeros(1, 2, 3))
+
+
+def test_hands_are_learned_without_their_local_surfaces(caches):
+    torch.manual_seed(0)
+    network = GraspNetwork(replace(NETWORK, context=4, hand_view=4)).eval()
+    stage = ContextStage(network, *caches, CONFIG, [afforded_scene(0)])
+    losses = stage(0)
+    assert losses["hands"].item() > 0
+    sum(losses.values()).backward()
+    assert network.hands.told[0].weight.grad.abs().max() > 0
+    nobody = ContextStage(network, *caches, CONFIG)(0)
+    assert nobody["hands"].item() == 0
+
+
+def afforded_scene(index: int):
+    labels = labels_of(TOP, SIDE, index=index)
+    afforded = np.zeros((2, len(CLASSES)), dtype=np.uint8)
+    afforded[:, 2] = 1
+    return replace(labels, grasps=replace(labels.grasps, affordances=afforded))
 
 
 def test_what_is_not_labelled_is_left_out(caches, network):

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -51,6 +52,7 @@ def test_the_papers_terms_come_one_after_the_other_and_the_context_last():
         "occupancy",
         "quality",
         "joint",
+        "hands",
         "context",
     ]
 
@@ -88,7 +90,9 @@ def labelled_mug() -> Any:
 
 @pytest.fixture
 def context_network(unet):
-    config = replace(AFFORDING_NETWORK, affordances=AFFORDANCE_NAMES, context=4)
+    config = replace(
+        AFFORDING_NETWORK, affordances=AFFORDANCE_NAMES, context=4, hand_view=4
+    )
     config = replace(config, thing_head=True)
     return diamond_network(replace(config, resolution=64, unet=unet), CENTER, 0.04)
 
@@ -130,7 +134,7 @@ def test_points_know_what_their_own_thing_affords(tmp_path):
     [
         ("quality", ("detector.read.", "detector.quality.")),
         ("joint", ("scene.", "detector.read.", "detector.quality.")),
-        ("context", ("context.", "detector.affordance.")),
+        ("context", ("context.", "hands.", "detector.affordance.")),
     ],
 )
 def test_a_stage_leaves_the_rest_of_a_network_with_context(
@@ -145,6 +149,18 @@ def test_a_stage_leaves_the_rest_of_a_network_with_context(
     assert changed
     assert all(key.startswith(trained) for key in changed)
     assert all(p.requires_grad for p in network.parameters())
+
+
+def test_seen_scenes_teach_without_local_surfaces(context_network, tmp_path):
+    scenes = [labelled_mug(), replace(labelled_mug(), index=1)]
+    config = TrainConfig(
+        stage="context", steps=1, scenes_per_step=2, grasps_per_scene=4
+    )
+    render_scenes(scenes, tmp_path / "scenes", workers=1)
+    train_stage(context_network, config, tmp_path, scenes[:1], seen=scenes[1:])
+    assert {path.name[:7] for path in (tmp_path / "grasps").iterdir()} == {"0000000"}
+    (state,) = json.loads((tmp_path / "context" / "history.json").read_text())
+    assert state["hands"] > 0
 
 
 def test_the_quality_stage_trains_the_detector_alone(network, tmp_path):

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The surroundings of a grasp as the hand would see them: always the same way round.
+
+Whether a knife can stab is to be seen at its tip, up to 25 cm from the grip, and it may
+lie in any direction. A network over the whole scene has to learn tips in every
+direction and to carry what it found to the grip. Here the relief of the scene is cut
+out around each hand and turned so that the hand's breadth, along which most things that
+it grips extend, is one axis of the picture.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from neugrasp_ros.config import NetworkConfig
+from neugrasp_ros.scene.heights import Relief
+
+LENGTH, WIDTH = 96, 32  # cells of a picture along and across the hand's breadth
+CELL = 0.004 / 0.3  # of the edge: 4 mm in a cube of 30 cm
+WIDTHS = (32, 48, 64, 96)  # channels of the convolutions, each at half the resolution
+VOXEL = 1 / 64  # of the edge: unit of the heights that the convolutions see
+FINE, COARSE = (-1.0, 3.0), (-1.0, 15.0)  # heights of blades and of mugs in [VOXEL]
+FINE_SCALE, COARSE_SCALE = 0.7, 0.2
+NEAR = 4.0  # [VOXEL] above and below the hand's middle
+CHANNELS = 4
+POSE_FEATURES = 4  # the approach along, across and up; the height
+HIDDEN = 128
+
+
+class Hands(NamedTuple):
+    """K hands in each of B scenes.
+
+    Attributes:
+        centers: Midpoints between the pads in units of the edge, shape (B, K, 3).
+        along: Horizontal unit vectors along the hands' breadth, or along the approach
+            where that is steeper than the breadth, shape (B, K, 2).
+        approach: Directions of the approach, shape (B, K, 3).
+    """
+
+    centers: Tensor
+    along: Tensor
+    approach: Tensor
+
+
+def hands_at(centers: Tensor, axes: Tensor) -> Hands:
+    """Return hands by their poses.
+
+    Args:
+        centers: In units of the edge, shape (B, K, 3).
+        axes: Rotations of the gripper frame (z approach, y closing), their columns of
+            any length, shape (B, K, 3, 3).
+    """
+    axes = nn.functional.normalize(axes, dim=-2)
+    breadth, approach = axes[..., :2, 0], axes[..., :2, 2]
+    longer = breadth.norm(dim=-1) >= approach.norm(dim=-1)
+    along = torch.where(longer[..., None], breadth, approach)
+    return Hands(centers, nn.functional.normalize(along, dim=-1), axes[..., 2])
+
+
+class HandView(nn.Module):
+    """Relief and hands in; features, and what each grasp affords by them alone, out.
+
+    Args:
+        config: The network's shape; ``hand_view`` is the number of features.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        inputs = CHANNELS
+        for level, width in enumerate(WIDTHS):
+            layers += _convolution(inputs, width, stride=2 if level else 1)
+            if level:
+                layers += _convolution(width, width)
+            inputs = width
+        self.layers = nn.Sequential(*layers)
+        self.told = nn.Sequential(
+            nn.Linear(3 * inputs + POSE_FEATURES, HIDDEN),
+            nn.ReLU(),
+            nn.Dropout(0.2),
+            nn.Linear(HIDDEN, config.hand_view),
+            nn.ReLU(),
+        )
+        self.classes = nn.Linear(config.hand_view, len(config.affordances))
+
+    def forward(self, relief: Relief, hands: Hands) -> Tensor:
+        """Look at the surroundings of hands.
+
+        Args:
+            relief: Of B scenes.
+            hands: K in each.
+
+        Returns:
+            Features, shape (B * K, C).
+        """
+        x = self.layers(pictures(relief, hands))
+        rows, columns = x.shape[2] // 2, x.shape[3] // 2
+        middle = x[:, :, rows - 1 : rows + 1, columns - 1 : columns + 1]
+        pooled = [x.amax(dim=(2, 3)), x.mean(dim=(2, 3)), middle.mean(dim=(2, 3))]
+        told: Tensor = self.told(torch.cat([*pooled, _poses(relief, hands)], dim=1))
+        return told
+
+    def described(self, features: Tensor) -> Tensor:
+        """Return what the affordance head is told, (N, ``hand_width``), of (N, C)."""
+        return torch.cat([features, self.classes(features).sigmoid()], dim=1)
+
+
+def pictures(relief: Relief, hands: Hands) -> Tensor:
+    """Cut the relief out around hands, along and across their breadth.
+
+    Args:
+        relief: Of B scenes.
+        hands: K in each.
+
+    Returns:
+        Shape (B * K, CHANNELS, LENGTH, WIDTH): fine and coarse heights over the table,
+        those over the hand's middle, and what is seen.
+    """
+    heights = relief.heights / VOXEL
+    maps = torch.stack(
+        [
+            FINE_SCALE * heights.clamp(*FINE) * relief.seen,
+            COARSE_SCALE * heights.clamp(*COARSE) * relief.seen,
+            relief.seen,
+        ],
+        dim=1,
+    )
+    n_scenes, n_hands = hands.along.shape[:2]
+    along = hands.along[..., None, None, :]
+    across = torch.stack([-along[..., 1], along[..., 0]], dim=-1)
+    u, v = (
+        ((torch.arange(n, device=maps.device) - (n - 1) / 2) * CELL).to(maps.dtype)
+        for n in (LENGTH, WIDTH)
+    )
+    where = hands.centers[..., None, None, :2] + u[:, None, None] * along
+    where = where + v[:, None] * across  # (B, K, LENGTH, WIDTH, 2)
+    read = nn.functional.grid_sample(
+        maps,
+        (2 * where - 1).flip(-1).flatten(1, 2),
+        mode="bilinear",
+        padding_mode="zeros",
+        align_corners=False,
+    )  # (B, 3, K * LENGTH, WIDTH)
+    read = read.unflatten(2, (n_hands, LENGTH)).transpose(1, 2)  # (B, K, 3, L, W)
+    fine, coarse, seen = read.unbind(dim=2)
+    middle = _over_table(relief, hands)[..., None, None]
+    near = (coarse / COARSE_SCALE - middle * seen).clamp(-NEAR, NEAR) / NEAR
+    return torch.stack([fine, coarse, near, seen], dim=2).flatten(0, 1)
+
+
+def _poses(relief: Relief, hands: Hands) -> Tensor:
+    """Return the hands' poses as the pictures have them, (B * K, POSE_FEATURES)."""
+    level, up = hands.approach[..., :2], hands.approach[..., 2]
+    side = torch.stack([-hands.along[..., 1], hands.along[..., 0]], dim=-1)
+    ahead, beside = (level * hands.along).sum(dim=-1), (level * side).sum(dim=-1)
+    height = COARSE_SCALE * _over_table(relief, hands)
+    return torch.stack([ahead, beside, up, height], dim=-1).flatten(0, 1)
+
+
+def _over_table(relief: Relief, hands: Hands) -> Tensor:
+    """Return the heights of the hands' middles over the table in [VOXEL], (B, K)."""
+    return (hands.centers[..., 2] - relief.levels[:, None]) / VOXEL
+
+
+def _convolution(inputs: int, outputs: int, stride: int = 1) -> list[nn.Module]:
+    return [
+        nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1, bias=False),
+        nn.BatchNorm2d(outputs),
+        nn.ReLU(),
+    ]
