@@ -160,6 +160,8 @@ def _stages(args: argparse.Namespace) -> "tuple[TrainConfig, ...]":
     stages = []
     for name, stage in known.items():
         count = steps.get(name, stage.steps)
+        if name == "hands" and name not in steps and steps.get("context") == 0:
+            continue  # nobody would listen to it
         if count:
             stages.append(replace(stage, seed=args.seed, steps=count, **changes))
     if not stages:

@@ -199,7 +199,7 @@ def test_a_context_stage_without_a_context_is_refused(tmp_path):
         train=(), tune=tmp_path, folder=tmp_path, weights=tmp_path / "w",
         network=SMALL_NETWORK, stages=(TrainConfig(stage="context", steps=1),),
     )  # fmt: skip
-    with pytest.raises(ConfigError, match="teaches a network without context nothing"):
+    with pytest.raises(ConfigError, match="without context nothing"):
         _new_network(run, [])
 
 
