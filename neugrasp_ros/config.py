@@ -257,7 +257,9 @@ class TrainConfig(Checked):
         1.0, "Weight of the loss of what grasps afford by the view along the hand",
         0.0, 100.0,
     )  # fmt: skip
-    hands_per_scene: int = option(6, "Hands in each scene with points alone", 1, 512)
+    hands_per_scene: int = option(
+        6, "Grasps of a scene in a step for the view along the hand", 1, 512
+    )
     seed: int = option(0, "Seed of every random choice", 0, 2**31 - 1)
     checkpoint_seconds: float = option(
         300.0, "Time between checkpoints [s]", 1.0, 600.0

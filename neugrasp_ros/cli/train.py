@@ -26,8 +26,8 @@ def add_parser(
     parser.add_argument("--data", help="folders of training shards, comma separated")
     parser.add_argument(
         "--seen", default="",
-        help="more such folders, of which the stage context learns without the local "
-        "surfaces of their grasps, which take most of the time",
+        help="more such folders, of which the stages hands and context alone learn, "
+        "without the local surfaces of their grasps, which take most of the time",
     )  # fmt: skip
     parser.add_argument("--tune", type=Path, help="folder of shards to calibrate on")
     parser.add_argument(
@@ -126,7 +126,8 @@ def _shape(
     context = (before or taught) if args.local_view == "rendered" else 0
     things = taught or (started and started.thing_head)
     heard = any(s.stage == "hands" for s in stages)
-    hands = HAND_VIEW if taught or heard else (started.hand_view if started else 0)
+    view = started.hand_view if started else 0
+    hands = view or (HAND_VIEW if taught or heard else 0)
     return replace(
         shape,
         affordances=AFFORDANCE_NAMES,

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The surroundings of a grasp as the hand would see them: always the same way round.
 
-Whether a knife can stab is to be seen at its tip, up to 25 cm from the grip, and it may
-lie in any direction. A network over the whole scene has to learn tips in every
+Whether a knife can stab is to be seen at its tip, a handle away from the grip, and it
+may lie in any direction. A network over the whole scene has to learn tips in every
 direction and to carry what it found to the grip. Here the relief of the scene is cut
-out around each hand and turned so that the hand's breadth, along which most things that
-it grips extend, is one axis of the picture.
+out around each hand and turned so that the thing that it grips lies along one axis of
+the picture, with more of it ahead than behind.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.scene.heights import Relief
 
-LENGTH, WIDTH = 96, 32  # cells of a picture along and across the hand's breadth
+LENGTH, WIDTH = 96, 32  # cells of a picture along and across the thing
 CELL = 0.004 / 0.3  # of the edge: 4 mm in a cube of 30 cm
 WIDTHS = (32, 48, 64, 96)  # channels of the convolutions, each at half the resolution
 VOXEL = 1 / 64  # of the edge: unit of the heights that the convolutions see
@@ -24,8 +24,13 @@ FINE, COARSE = (-1.0, 3.0), (-1.0, 15.0)  # heights of blades and of mugs in [VO
 FINE_SCALE, COARSE_SCALE = 0.7, 0.2
 NEAR = 4.0  # [VOXEL] above and below the hand's middle
 CHANNELS = 4
-POSE_FEATURES = 4  # the approach along, across and up; the height
+POSE_FEATURES = 5  # the approach along, across and up; the height; the breadth along
 HIDDEN = 128
+LEAST_HEIGHT = 0.5  # [VOXEL] over the table: what is lower may be noise
+LEVEL_BELL = 8.0  # [VOXEL] above or below the hand: things much higher are others
+BELLS = ((0.12, 0.12), (0.25, 0.08))  # of the edge: lengths and widths of the bells
+LEAST_MASS = 4.0  # cells that make an axis
+LEAST_LONG = 0.2  # of the spread: how much longer than wide a thing is
 
 
 class Hands(NamedTuple):
@@ -33,8 +38,9 @@ class Hands(NamedTuple):
 
     Attributes:
         centers: Midpoints between the pads in units of the edge, shape (B, K, 3).
-        along: Horizontal unit vectors along the hands' breadth, or along the approach
-            where that is steeper than the breadth, shape (B, K, 2).
+        along: Horizontal unit vectors along the hands' breadth, the x axis of the
+            gripper frame, or along their approach where the breadth is steeper than it,
+            shape (B, K, 2).
         approach: Directions of the approach, shape (B, K, 3).
     """
 
@@ -56,6 +62,51 @@ def hands_at(centers: Tensor, axes: Tensor) -> Hands:
     longer = breadth.norm(dim=-1) >= approach.norm(dim=-1)
     along = torch.where(longer[..., None], breadth, approach)
     return Hands(centers, nn.functional.normalize(along, dim=-1), axes[..., 2])
+
+
+def along_things(relief: Relief, hands: Hands) -> Hands:
+    """Turn hands along what they grip, and move them across onto its middle.
+
+    Friction lets a hand close up to 45 degrees askew, so its breadth does not tell how
+    a tool lies. What stands out near the hand at about its height does: its second
+    moments under a bell around the hand, and again under a longer and narrower one
+    along the axis found. Of the two ways along the axis, the one with more of the thing
+    ahead is taken. Where nothing elongated is seen, hands are left as they are.
+
+    Args:
+        relief: Of B scenes.
+        hands: K in each.
+    """
+    size = relief.heights.shape[-1]
+    line = (torch.arange(size, device=relief.heights.device) + 0.5) / size
+    cells = torch.stack(torch.meshgrid(line, line, indexing="ij"), dim=-1).flatten(0, 1)
+    heights = relief.heights.flatten(1)[:, None] / VOXEL  # (B, 1, D * D)
+    beyond = (heights - _over_table(relief, hands)[..., None]) / LEVEL_BELL
+    mass = (heights - LEAST_HEIGHT).clamp(0, 1) * (-(beyond**2)).exp()  # (B, K, D * D)
+    offsets = cells - hands.centers[..., None, :2]  # (B, K, D * D, 2)
+    along, middle = hands.along, torch.zeros_like(hands.along)
+    found = torch.ones_like(hands.along[..., :1], dtype=torch.bool)
+    for length, width in BELLS:
+        ahead, beside = _components(offsets - middle[..., None, :], along)
+        bell = torch.exp(-((ahead / length) ** 2) - (beside / width) ** 2) * mass
+        total = bell.sum(dim=-1, keepdim=True)
+        share = bell / total.clamp(min=1e-6)
+        there = (share[..., None] * offsets).sum(dim=-2)
+        x, y = (offsets - there[..., None, :]).unbind(dim=-1)
+        split, both = (share * (x * x - y * y)).sum(-1), 2 * (share * x * y).sum(-1)
+        spread = (share * (x * x + y * y)).sum(-1)
+        angle = torch.atan2(both, split) / 2
+        long = torch.hypot(split, both) > LEAST_LONG * spread
+        found &= (total > LEAST_MASS) & long[..., None]
+        axis = torch.stack([angle.cos(), angle.sin()], dim=-1)
+        along = torch.where(found, axis, hands.along)
+        side = _across(along)
+        middle = (there * side).sum(dim=-1, keepdim=True) * side * found
+    ahead, _ = _components(offsets - middle[..., None, :], along)
+    more = (bell * ahead).sum(dim=-1, keepdim=True) < 0
+    along = torch.where(more & found, -along, along)
+    centers = torch.cat([hands.centers[..., :2] + middle, hands.centers[..., 2:]], -1)
+    return Hands(centers, along, hands.approach)
 
 
 class HandView(nn.Module):
@@ -94,11 +145,13 @@ class HandView(nn.Module):
         Returns:
             Features, shape (B * K, C).
         """
-        x = self.layers(pictures(relief, hands))
+        turned = along_things(relief, hands)
+        x = self.layers(pictures(relief, turned))
         rows, columns = x.shape[2] // 2, x.shape[3] // 2
         middle = x[:, :, rows - 1 : rows + 1, columns - 1 : columns + 1]
         pooled = [x.amax(dim=(2, 3)), x.mean(dim=(2, 3)), middle.mean(dim=(2, 3))]
-        told: Tensor = self.told(torch.cat([*pooled, _poses(relief, hands)], dim=1))
+        poses = _poses(relief, hands, turned)
+        told: Tensor = self.told(torch.cat([*pooled, poses], dim=1))
         return told
 
     def described(self, features: Tensor) -> Tensor:
@@ -107,7 +160,7 @@ class HandView(nn.Module):
 
 
 def pictures(relief: Relief, hands: Hands) -> Tensor:
-    """Cut the relief out around hands, along and across their breadth.
+    """Cut the relief out around hands, along and across ``Hands.along``.
 
     Args:
         relief: Of B scenes.
@@ -123,12 +176,13 @@ def pictures(relief: Relief, hands: Hands) -> Tensor:
             FINE_SCALE * heights.clamp(*FINE) * relief.seen,
             COARSE_SCALE * heights.clamp(*COARSE) * relief.seen,
             relief.seen,
+            heights * relief.seen,
         ],
         dim=1,
     )
     n_scenes, n_hands = hands.along.shape[:2]
     along = hands.along[..., None, None, :]
-    across = torch.stack([-along[..., 1], along[..., 0]], dim=-1)
+    across = _across(along)
     u, v = (
         ((torch.arange(n, device=maps.device) - (n - 1) / 2) * CELL).to(maps.dtype)
         for n in (LENGTH, WIDTH)
@@ -141,21 +195,35 @@ def pictures(relief: Relief, hands: Hands) -> Tensor:
         mode="bilinear",
         padding_mode="zeros",
         align_corners=False,
-    )  # (B, 3, K * LENGTH, WIDTH)
-    read = read.unflatten(2, (n_hands, LENGTH)).transpose(1, 2)  # (B, K, 3, L, W)
-    fine, coarse, seen = read.unbind(dim=2)
+    )  # (B, 4, K * LENGTH, WIDTH)
+    read = read.unflatten(2, (n_hands, LENGTH)).transpose(1, 2)  # (B, K, 4, L, W)
+    fine, coarse, seen, over = read.unbind(dim=2)
     middle = _over_table(relief, hands)[..., None, None]
-    near = (coarse / COARSE_SCALE - middle * seen).clamp(-NEAR, NEAR) / NEAR
+    near = (over - middle * seen).clamp(-NEAR, NEAR) / NEAR
     return torch.stack([fine, coarse, near, seen], dim=2).flatten(0, 1)
 
 
-def _poses(relief: Relief, hands: Hands) -> Tensor:
+def _poses(relief: Relief, hands: Hands, turned: Hands) -> Tensor:
     """Return the hands' poses as the pictures have them, (B * K, POSE_FEATURES)."""
-    level, up = hands.approach[..., :2], hands.approach[..., 2]
-    side = torch.stack([-hands.along[..., 1], hands.along[..., 0]], dim=-1)
-    ahead, beside = (level * hands.along).sum(dim=-1), (level * side).sum(dim=-1)
+    ahead = (hands.approach[..., :2] * turned.along).sum(dim=-1)
+    beside = (hands.approach[..., :2] * _across(turned.along)).sum(dim=-1)
     height = COARSE_SCALE * _over_table(relief, hands)
-    return torch.stack([ahead, beside, up, height], dim=-1).flatten(0, 1)
+    askew = (hands.along * turned.along).sum(dim=-1).abs()
+    return torch.stack(
+        [ahead, beside, hands.approach[..., 2], height, askew], dim=-1
+    ).flatten(0, 1)
+
+
+def _components(offsets: Tensor, along: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the parts of offsets (..., N, 2) along and across axes (..., 2)."""
+    return (
+        torch.einsum("...nc,...c->...n", offsets, along),
+        torch.einsum("...nc,...c->...n", offsets, _across(along)),
+    )
+
+
+def _across(along: Tensor) -> Tensor:
+    return torch.stack([-along[..., 1], along[..., 0]], dim=-1)
 
 
 def _over_table(relief: Relief, hands: Hands) -> Tensor:

@@ -16,7 +16,7 @@ LEVELS = (4 / 64, 20 / 64)  # of the cube: between these lies the table
 BINS = 64  # of the histogram over ``LEVELS``: a quarter of a voxel of ours
 USUAL_LEVEL = 1 / 6  # of the cube: the table where too little of it is seen
 LEAST_SEEN = 30  # cells that make a histogram
-HALF = 0.5  # of the truncation: the part of it that counts as never observed
+MIDDLE = 0.5  # of a voxel or a bin: where its value is
 
 
 class Relief(NamedTuple):
@@ -36,14 +36,15 @@ class Relief(NamedTuple):
 def relief_of(volume: Tensor) -> Relief:
     """Find the topmost surfaces of volumes, finer than a voxel.
 
-    The level that most of the surface has is the table's.
+    The level that most of the surface has, between ``LEVELS``, is taken for the
+    table's: a flat thing that covers most of the cube is mistaken for it.
 
     Args:
         volume: Channels of ``volume_channels``, shape (B, 3, D, D, D).
     """
     size = volume.shape[-1]
     signed, free, unknown = volume[..., : round(TOP * size)].unbind(dim=1)
-    distances, known = signed + free, unknown < HALF
+    distances, known = signed + free, unknown == 0
     inside, outside = distances[..., :-1], distances[..., 1:]
     crossed = (inside <= 0) & (outside > 0) & known[..., :-1] & known[..., 1:]
     steps = torch.arange(1, crossed.shape[-1] + 1, device=volume.device)
@@ -53,7 +54,7 @@ def relief_of(volume: Tensor) -> Relief:
     low = inside.gather(-1, below)[..., 0]
     high = outside.gather(-1, below)[..., 0]
     part = low / torch.where(seen, low - high, -1.0)
-    heights = (below[..., 0] + part + HALF) / size
+    heights = (below[..., 0] + part + MIDDLE) / size
     levels = torch.stack([_level(h[s]) for h, s in zip(heights, seen, strict=True)])
     over = torch.where(seen, heights - levels[:, None, None], 0.0)
     return Relief(over, seen.to(over.dtype), levels)
@@ -68,5 +69,5 @@ def _level(heights: Tensor) -> Tensor:
     if not counts.any():
         return heights.median()
     width = (most - least) / BINS
-    middle = least + (counts.argmax() + HALF) * width
+    middle = least + (counts.argmax() + MIDDLE) * width
     return heights[(heights - middle).abs() < 2 * width].median()

@@ -21,8 +21,6 @@ from neugrasp_ros.errors import ConfigError, EmptySceneError
 from neugrasp_ros.grasp.ablation import RENDERED
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.scene.encoder import volume_channels
-from neugrasp_ros.scene.hand_view import hands_at
-from neugrasp_ros.scene.heights import relief_of
 from neugrasp_ros.training.batches import GraspCache, make_batch
 from neugrasp_ros.training.cache import POINT_SCALE, SceneEntry
 from neugrasp_ros.training.device import device_of, moved
@@ -31,19 +29,12 @@ from neugrasp_ros.training.grasps import (
     NOT_KNOWN,
     GraspEntry,
 )
-from neugrasp_ros.training.hands import (
-    drawn_hands,
-    scene_hands,
-    turned_axes,
-    twinned,
-    unknown_hand,
-)
+from neugrasp_ros.training.hands import HandLoss, turned_axes, twinned
 from neugrasp_ros.training.losses import affordance_loss, known_entropy
-from neugrasp_ros.training.occupancy import SceneCache, turn_points, turn_volume
+from neugrasp_ros.training.occupancy import TURNS, SceneCache, turn_points, turn_volume
 from neugrasp_ros.training.quality import grasp_logits
 from neugrasp_ros.training.stretching import (
     draw_stretch,
-    stretched_axes,
     stretched_points,
     stretched_volume,
 )
@@ -51,7 +42,6 @@ from neugrasp_ros.training.views import EDGE, UNKNOWN, dequantise
 
 POINTS_PER_SCENE = 768
 MOVED = 5  # a scene is moved by at most as many voxels along x and y
-TURNS = 8  # symmetries of ``turn_volume``
 
 IntArray = NDArray[np.int64]
 
@@ -64,20 +54,12 @@ class PointBatch(NamedTuple):
         points: In units of the edge, shape (B, N, 3).
         classes: What the part at each affords, 0 or 1, shape (B, N, A).
         things: What any part of the thing at each affords, alike.
-        centers: Midpoints between the pads of K hands, shape (B, K, 3).
-        axes: Their axes, columns of any length, shape (B, K, 3, 3).
-        afforded: What they afford, 0 or 1, shape (B, K, A).
-        known: Whether that is known, shape (B, K).
     """
 
     volumes: Tensor
     points: Tensor
     classes: Tensor
     things: Tensor
-    centers: Tensor
-    axes: Tensor
-    afforded: Tensor
-    known: Tensor
 
 
 class ContextStage:
@@ -86,13 +68,13 @@ class ContextStage:
     Scenes whose points alone are learned from are stretched as well.
 
     Args:
-        network: The network; of it only the context and the affordance head learn: all
-            else is put into evaluation mode and needs no gradients from now on.
+        network: The network; of it only the context, the view along the hand and the
+            affordance head learn: all else is put into evaluation mode and needs no
+            gradients from now on.
         grasps: Grasp entries; those that know of no affordance are left out.
         scenes: Scene entries; those without labelled points are left out.
         config: Batch sizes and weights.
-        labels: The labelled scenes, whose grasps teach the view along the hand; a
-            scene entry is called by its scene's number.
+        labels: The labelled scenes, whose grasps teach the view along the hand.
 
     Raises:
         ConfigError: If the network has no context, or does not see local surfaces.
@@ -119,16 +101,10 @@ class ContextStage:
         self._grasps = [entry for entry in map(_known, grasps.entries) if entry]
         named = [scenes[name] for name in scenes.names]
         self._scenes = [entry for entry in named if len(entry.part_points)]
-        known = {scene.index: scene_hands(scene) for scene in labels}
-        nobody = unknown_hand(len(network.config.affordances))
-        self._hands = [
-            hands if hands is not None and len(hands.known) else nobody
-            for name in scenes.names
-            if len(scenes[name].part_points)
-            for hands in [known.get(int(name))]
-        ]
         if not self._grasps or not self._scenes:
             raise EmptySceneError("no scene has grasps or points of labelled objects")
+        view = network.hands
+        self._hands = HandLoss(view, scenes, config, labels) if view else None
         network.eval().requires_grad_(False)
         detector: Any = network.detector
         for part in (network.context, detector.affordance, network.hands):
@@ -171,14 +147,8 @@ class ContextStage:
         if things is not None:
             entropy = known_entropy(things, drawn.things, inside)
             losses["things"] = config.w_parts * entropy
-        if network.hands is not None:
-            hands = hands_at(drawn.centers, drawn.axes)
-            seen = network.hands(relief_of(drawn.volumes), hands)
-            losses["hands"] = config.w_hands * known_entropy(
-                network.hands.classes(seen),
-                drawn.afforded.flatten(0, 1),
-                drawn.known.flatten(0, 1),
-            )
+        if self._hands is not None:
+            losses["hands"] = self._hands(len(drawn.volumes), rng)
         return losses
 
     def _told(self, grid: Tensor, points: Tensor) -> tuple[Tensor, Tensor | None]:
@@ -203,9 +173,6 @@ class ContextStage:
             rows = rng.integers(len(entry.part_points), size=POINTS_PER_SCENE)
             where = entry.part_points[rows].astype(np.float32) / np.float32(POINT_SCALE)
             where = stretched_points(turn_points(where, turn), stretch)
-            hands = drawn_hands(self._hands[number], config.hands_per_scene, rng)
-            axes = twinned(stretched_axes(turned_axes(hands.axes, turn), stretch), rng)
-            centers = stretched_points(turn_points(hands.centers, turn), stretch)
             noise = rng.normal(0, LOCAL_NOISE / EDGE, where.shape)
             there = stretched_volume(turn_volume(view, turn), stretch)
             columns.append(
@@ -214,10 +181,6 @@ class ContextStage:
                     (where + noise).astype(np.float32),
                     entry.part_classes[rows].astype(np.float32),
                     entry.part_things[rows].astype(np.float32),
-                    centers,
-                    axes,
-                    hands.classes,
-                    hands.known,
                 )
             )
         lists = zip(*columns, strict=True)

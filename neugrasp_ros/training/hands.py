@@ -6,6 +6,7 @@ teaches the view along the hand on them alone, before the affordance head listen
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,64 +19,75 @@ from neugrasp_ros.datagen.labels import SceneLabels
 from neugrasp_ros.errors import ConfigError, EmptySceneError
 from neugrasp_ros.model import GraspNetwork
 from neugrasp_ros.scene.encoder import volume_channels
-from neugrasp_ros.scene.hand_view import hands_at
-from neugrasp_ros.scene.heights import relief_of
+from neugrasp_ros.scene.hand_view import HandView, hands_at
+from neugrasp_ros.scene.heights import Relief, relief_of
 from neugrasp_ros.training.cache import SceneEntry
-from neugrasp_ros.training.device import device_of
+from neugrasp_ros.training.device import device_of, moved
 from neugrasp_ros.training.grasps import NOT_KNOWN, affordance_targets
 from neugrasp_ros.training.losses import known_entropy
-from neugrasp_ros.training.occupancy import SceneCache, turn_points, turn_volume
+from neugrasp_ros.training.occupancy import TURNS, SceneCache, turn_points, turn_volume
 from neugrasp_ros.training.views import EDGE, dequantise
-
-TURNS = 8  # symmetries of ``turn_volume``
 
 Float32Array = NDArray[np.float32]
 
 
 class SceneHands(NamedTuple):
-    """G grasps of a scene.
+    """G grasps of a scene, what each affords being known, and V views of it.
 
     Attributes:
         centers: Midpoints between the pads in units of the edge, shape (G, 3).
         axes: Rotations of the gripper frames, shape (G, 3, 3).
         classes: What they afford, 0 or 1, shape (G, A).
-        known: Whether that is known, shape (G,).
+        heights: Of the reliefs in units of the edge, half precision, shape (V, D, D).
+        seen: Of the reliefs, shape (V, D, D).
+        levels: Of the reliefs, shape (V,).
     """
 
     centers: Float32Array
     axes: Float32Array
     classes: Float32Array
-    known: NDArray[np.bool_]
+    heights: NDArray[np.float16]
+    seen: NDArray[np.bool_]
+    levels: Float32Array
 
 
-def unknown_hand(n_classes: int) -> SceneHands:
-    """Return what a batch has in place of the hands of a scene without any."""
-    return SceneHands(
-        np.zeros((1, 3), dtype=np.float32),
-        np.eye(3, dtype=np.float32)[None],
-        np.zeros((1, n_classes), dtype=np.float32),
-        np.zeros(1, dtype=bool),
-    )
+@dataclass(frozen=True)
+class HandBatch:
+    """K hands in each of B scenes, and what is seen of each scene in one view.
+
+    Attributes:
+        centers: As of ``SceneHands``, shape (B, K, 3).
+        axes: As of ``SceneHands``, shape (B, K, 3, 3).
+        classes: As of ``SceneHands``, shape (B, K, A).
+        heights: Of the reliefs, shape (B, D, D).
+        seen: Of the reliefs, shape (B, D, D).
+        levels: Of the reliefs, shape (B,).
+    """
+
+    centers: Tensor
+    axes: Tensor
+    classes: Tensor
+    heights: Tensor
+    seen: Tensor
+    levels: Tensor
 
 
-def scene_hands(labels: SceneLabels) -> SceneHands:
-    """Return the grasps of a scene whose affordances are known."""
+def scene_hands(labels: SceneLabels, entry: SceneEntry) -> SceneHands | None:
+    """Return the grasps of a scene whose affordances are known; None without any."""
     targets = affordance_targets(labels)
     rows = np.flatnonzero((targets != NOT_KNOWN).all(axis=1))
+    if not len(rows):
+        return None
     poses = labels.grasps.poses()[rows].astype(np.float32)
+    volumes = [volume_channels(dequantise(view)) for view in entry.volumes]
+    relief = relief_of(torch.from_numpy(np.stack(volumes)))
     return SceneHands(
         poses[:, :3, 3] / np.float32(EDGE),
         poses[:, :3, :3],
         targets[rows].astype(np.float32),
-        np.ones(len(rows), dtype=bool),
-    )
-
-
-def drawn_hands(hands: SceneHands, count: int, rng: np.random.Generator) -> SceneHands:
-    """Draw grasps with replacement."""
-    rows = rng.integers(len(hands.known), size=count)
-    return SceneHands(
-        hands.centers[rows], hands.axes[rows], hands.classes[rows], hands.known[rows]
+        relief.heights.half().numpy(),
+        relief.seen.bool().numpy(),
+        relief.levels.numpy(),
     )
 
 
@@ -93,16 +105,79 @@ def twinned(axes: Float32Array, rng: np.random.Generator) -> Float32Array:
     return axes * signs
 
 
-class HandStage:
-    """The view along the hand alone, on scenes turned at random.
+class HandLoss:
+    """What the view along the hand gets wrong, on scenes turned at random.
 
     Nothing is stretched: a scene stretched voxel by voxel has ragged outlines, and
     outlines are what is to be learned.
 
     Args:
+        view: The view along the hand.
+        scenes: Scene entries, called by their scenes' numbers; of them only reliefs are
+            kept, and of those without labelled grasps nothing.
+        config: How many hands are drawn in a scene, and the weight of the loss.
+        labels: The labelled scenes.
+
+    Raises:
+        EmptySceneError: If nothing is labelled.
+    """
+
+    def __init__(
+        self,
+        view: HandView,
+        scenes: SceneCache,
+        config: TrainConfig,
+        labels: Sequence[SceneLabels],
+    ) -> None:
+        self._view, self._config = view, config
+        entries = {int(name): scenes[name] for name in scenes.names}
+        found = (
+            scene_hands(scene, entries[scene.index])
+            for scene in labels
+            if scene.index in entries
+        )
+        self._scenes = [hands for hands in found if hands is not None]
+        if not self._scenes:
+            raise EmptySceneError("no scene has grasps of labelled objects")
+
+    def __call__(self, n_scenes: int, rng: np.random.Generator) -> Tensor:
+        """Return the loss on some scenes."""
+        chosen = rng.integers(len(self._scenes), size=n_scenes)
+        drawn = zip(*(self._draw(self._scenes[i], rng) for i in chosen), strict=True)
+        batch = HandBatch(*(torch.from_numpy(np.stack(parts)) for parts in drawn))
+        batch = moved(batch, device_of(self._view))
+        relief = Relief(batch.heights, batch.seen, batch.levels)
+        said = self._view.classes(
+            self._view(relief, hands_at(batch.centers, batch.axes))
+        )
+        known = torch.ones(len(said), device=said.device)
+        entropy = known_entropy(said, batch.classes.flatten(0, 1), known)
+        return self._config.w_hands * entropy
+
+    def _draw(
+        self, scene: SceneHands, rng: np.random.Generator
+    ) -> tuple[Float32Array, ...]:
+        """Draw a view of a scene, a turn of it, and grasps, with replacement."""
+        view, turn = rng.integers(len(scene.levels)), int(rng.integers(TURNS))
+        rows = rng.integers(len(scene.classes), size=self._config.hands_per_scene)
+        maps = np.stack([scene.heights[view], scene.seen[view]])[..., None]
+        heights, seen = turn_volume(maps, turn)[..., 0].astype(np.float32)
+        return (
+            turn_points(scene.centers[rows], turn),
+            twinned(turned_axes(scene.axes[rows], turn), rng),
+            scene.classes[rows],
+            heights,
+            seen,
+            scene.levels[view],
+        )
+
+
+class HandStage:
+    """The view along the hand alone, before the affordance head listens to it.
+
+    Args:
         network: The network; of it only the view along the hand gets gradients.
-        scenes: Scene entries, called by their scenes' numbers; those without labelled
-            grasps are left out.
+        scenes: Scene entries, see ``HandLoss``.
         config: Batch sizes.
         labels: The labelled scenes.
 
@@ -120,42 +195,12 @@ class HandStage:
     ) -> None:
         if network.hands is None:
             raise ConfigError("the stage 'hands' needs a network with hand_view")
-        self._network, self._config, self._view = network, config, network.hands
-        hands = {scene.index: scene_hands(scene) for scene in labels}
-        named = [(scenes[name], hands.get(int(name))) for name in scenes.names]
-        self._scenes = [(e, h) for e, h in named if h is not None and len(h.known)]
-        if not self._scenes:
-            raise EmptySceneError("no scene has grasps of labelled objects")
+        self._config = config
+        self._loss = HandLoss(network.hands, scenes, config, labels)
         network.eval().requires_grad_(False)
         network.hands.train().requires_grad_(True)
 
     def __call__(self, step: int) -> dict[str, Tensor]:
         """Return the loss of a step; its batch depends on the seed and the step."""
-        config, device = self._config, device_of(self._network)
-        rng = np.random.default_rng([config.seed, step, 3])
-        chosen = rng.integers(len(self._scenes), size=config.scenes_per_step)
-        drawn = [self._draw(self._scenes[i], rng) for i in chosen]
-        volumes = torch.from_numpy(np.stack([volume for volume, _ in drawn]))
-        centers, axes, classes, known = (
-            torch.from_numpy(np.stack(parts)).to(device)
-            for parts in zip(*(hands for _, hands in drawn), strict=True)
-        )
-        relief = relief_of(volumes.to(device))
-        seen = self._view(relief, hands_at(centers, axes))
-        said = self._view.classes(seen)
-        loss = known_entropy(said, classes.flatten(0, 1), known.flatten(0, 1))
-        return {"hands": config.w_hands * loss}
-
-    def _draw(
-        self, scene: tuple[SceneEntry, SceneHands], rng: np.random.Generator
-    ) -> tuple[Float32Array, SceneHands]:
-        """Draw a view of a scene, a turn of it, and grasps."""
-        entry, hands = scene
-        view, turn = rng.integers(len(entry.volumes)), int(rng.integers(TURNS))
-        some = drawn_hands(hands, self._config.hands_per_scene, rng)
-        turned = some._replace(
-            centers=turn_points(some.centers, turn).astype(np.float32),
-            axes=twinned(turned_axes(some.axes, turn), rng),
-        )
-        volume = turn_volume(entry.volumes[view], turn)
-        return volume_channels(dequantise(volume)), turned
+        rng = np.random.default_rng([self._config.seed, step, 3])
+        return {"hands": self._loss(self._config.scenes_per_step, rng)}

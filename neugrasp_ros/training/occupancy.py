@@ -28,6 +28,7 @@ from neugrasp_ros.training.views import boxed_rows, dequantise
 Voxel = TypeVar("Voxel", bound=np.generic)
 
 SHAPE_SPREAD = 0.15  # of a stretch, see ``draw_stretch``
+TURNS = 8  # symmetries of ``turn_volume``
 RESCAN_STEPS = 100  # how often new entries of the cache are looked for
 
 
@@ -111,7 +112,7 @@ def draw_batch(
     volumes, points, occupied, boxed = [], [], [], []
     for name in rng.choice(cache.names, size=config.scenes_per_step):
         entry = cache[str(name)]
-        turn = int(rng.integers(8))
+        turn = int(rng.integers(TURNS))
         view = rng.integers(len(entry.volumes))
         rows = rng.integers(len(entry.points), size=config.points_per_scene)
         volume = turn_volume(entry.volumes[view], turn)

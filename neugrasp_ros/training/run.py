@@ -47,6 +47,7 @@ LOGGER = logging.getLogger(__name__)
 VIEWS_PER_SCENE = 3
 GRASP_VIEWS_PER_SCENE = 2
 FOLDER_STRIDE = 10_000_000  # keeps the scenes of several folders apart
+SEEN_FROM = 1000 * FOLDER_STRIDE  # numbers of scenes that are only seen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +63,9 @@ class TrainingRun:
         stages: The stages in order; a stage that is done is skipped.
         workers: Processes that render scenes.
         start: Weights to begin with; None = from nothing.
-        seen: Folders of shards of which the stage ``context`` learns the points and the
-            hands alone: no local surfaces are rendered, which takes most of the time.
+        seen: Folders of shards of which the stages ``hands`` and ``context`` learn
+            points and hands: no local surfaces are rendered, which takes most of the
+            time, and no other stage learns of them.
         keep: Folder of small files to commit, from which the run goes on where
             ``folder`` is lost; emptied when the weights are written.
     """
@@ -117,35 +119,43 @@ def train(run: TrainingRun) -> dict[str, Any]:
         ConfigError: If their encoder does not fit, and no stage would teach a new one;
             or if the folder was begun with something else.
     """
-    scenes = [
-        replace(labels, index=number * FOLDER_STRIDE + labels.index)
-        for number, folder in enumerate(run.train + run.seen)
-        for labels in load_shards(folder)
-    ]
+    scenes, seen = _numbered(run.train), _numbered(run.seen, SEEN_FROM)
     tune = list(load_shards(run.tune))
     with processes():
-        network = _run_stages(run, scenes, tune)
-        return _finish(run, network, scenes, tune) if is_first_process() else {}
+        network = _run_stages(run, scenes, seen, tune)
+        return _finish(run, network, scenes, seen, tune) if is_first_process() else {}
+
+
+def _numbered(folders: Sequence[Path], first: int = 0) -> list[SceneLabels]:
+    """Return the scenes of folders, their numbers apart."""
+    return [
+        replace(labels, index=first + number * FOLDER_STRIDE + labels.index)
+        for number, folder in enumerate(folders)
+        for labels in load_shards(folder)
+    ]
 
 
 def _run_stages(
-    run: TrainingRun, scenes: Sequence[SceneLabels], tune: Sequence[SceneLabels]
+    run: TrainingRun,
+    scenes: Sequence[SceneLabels],
+    seen: Sequence[SceneLabels],
+    tune: Sequence[SceneLabels],
 ) -> GraspNetwork:
     """Render what is missing, train, and return the network."""
     network = _new_network(run, scenes)
     with first_on_machine() as mine:
         if mine:
-            uses = {"train": scenes, "tune": tune}
+            uses = {"train": scenes, "seen": seen, "tune": tune}
             bind_folder(run.folder, run.network, run.stages, run.start, uses)
-            render_scenes(scenes, run.folder / "scenes", run.workers)
+            render_scenes([*scenes, *seen], run.folder / "scenes", run.workers)
             render_scenes(tune, run.folder / "tune_scenes", run.workers)
     for config in run.stages:
         if _is_left_out(config.stage, network):
+            LOGGER.info("stage %s is left out: it teaches nothing here", config.stage)
             continue
         torch.set_num_threads(config.threads or torch.get_num_threads())
-        seen = [s for s in scenes if s.index >= len(run.train) * FOLDER_STRIDE]
         train_stage(
-            network, config, run.folder, scenes[: len(scenes) - len(seen)],
+            network, config, run.folder, scenes,
             seen=seen, workers=run.workers, keep=run.keep,
         )  # fmt: skip
         LOGGER.info("stage %s is done", config.stage)
@@ -157,10 +167,12 @@ def _finish(
     run: TrainingRun,
     network: GraspNetwork,
     scenes: Sequence[SceneLabels],
+    seen: Sequence[SceneLabels],
     tune: Sequence[SceneLabels],
 ) -> dict[str, Any]:
     """Calibrate, write the weights, and return their card."""
-    card: dict[str, Any] = {"stages": [asdict(stage) for stage in run.stages]}
+    stages = [s for s in run.stages if not _is_left_out(s.stage, network)]
+    card: dict[str, Any] = {"stages": [asdict(stage) for stage in stages]}
     if run.start is not None:
         card["start"] = file_sha256(run.start)
     learned = bool({stage.stage for stage in run.stages} - {"hands", "context"})
@@ -169,6 +181,7 @@ def _finish(
     card["labels"] = int(sum(s.grasps.judged().sum() for s in scenes))
     card["grasps"] = sum(len(s.grasps) for s in scenes)
     card["trials"] = int(sum(s.grasps.tried.sum() for s in scenes))
+    card["seen_scenes"] = len(seen)
     save_network(network, run.weights, card)
     if run.keep is not None:
         for stage in run.stages:
@@ -227,7 +240,7 @@ def train_stage(
         config: The stage.
         folder: The run's folder.
         scenes: The labelled scenes.
-        seen: Scenes of which the context learns points and hands alone.
+        seen: Scenes of which the stages ``hands`` and ``context`` alone learn.
         workers: Processes that look at grasps.
         keep: Folder of small copies of the state, see ``optimise``.
     """
@@ -240,7 +253,7 @@ def train_stage(
             optimise(network, hands, config, folder / config.stage, keep)
         elif config.stage == "occupancy":
             network.to(training_device(config))
-            cache = SceneCache(folder / "scenes", own_share)
+            cache = SceneCache(folder / "scenes", _unseen)
             stage = OccupancyStage(network.scene, cache, config)
             optimise(network.scene, stage, config, folder / config.stage, keep)
         else:
@@ -285,14 +298,20 @@ def _teach_grasps(
         quality = QualityStage(network, grasps, config)
         optimise(network.detector, quality, config, out, keep)
         return
-    rendered = SceneCache(folder / "scenes", own_share)
     if config.stage == "context":
+        rendered = SceneCache(folder / "scenes", own_share)
         context = ContextStage(network, grasps, rendered, config, scenes)
         optimise(network, context, config, out, keep)
         return
+    rendered = SceneCache(folder / "scenes", _unseen)
     occupancy = OccupancyStage(network.scene, rendered, config)
     joint = JointStage(network, grasps, config, occupancy)
     optimise(network, joint, config, out, keep)
+
+
+def _unseen(paths: Sequence[Path]) -> Sequence[Path]:
+    """Return this process's share of the scenes that are not seen alone."""
+    return own_share([path for path in paths if int(path.stem) < SEEN_FROM])
 
 
 def render_scenes(scenes: Sequence[SceneLabels], folder: Path, workers: int) -> None:

@@ -59,13 +59,6 @@ def stretched_points(
     return np.concatenate([level, height], axis=1).astype(np.float32)
 
 
-def stretched_axes(axes: NDArray[np.float32], stretch: Stretch) -> NDArray[np.float32]:
-    """Map directions (G, 3, 3), which are columns; their lengths change."""
-    linear = np.eye(3)
-    linear[:2, :2], linear[2, 2] = stretch.matrix, stretch.height
-    return (linear @ axes).astype(np.float32)
-
-
 def stretched_volume(volume: Voxels, stretch: Stretch) -> Voxels:
     """Map a quantised volume (D, D, D); what comes in was never observed.
 

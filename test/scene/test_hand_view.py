@@ -11,7 +11,14 @@ from torch.nn.functional import binary_cross_entropy_with_logits as bce
 from neugrasp_ros.config import NetworkConfig
 from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.scene.encoder import volume_channels
-from neugrasp_ros.scene.hand_view import LENGTH, WIDTH, HandView, hands_at, pictures
+from neugrasp_ros.scene.hand_view import (
+    LENGTH,
+    WIDTH,
+    HandView,
+    along_things,
+    hands_at,
+    pictures,
+)
 from neugrasp_ros.scene.heights import USUAL_LEVEL, relief_of
 
 SIZE = 64
@@ -85,23 +92,60 @@ def test_a_steep_breadth_leaves_the_word_to_the_approach():
     )
 
 
+def bar(turn: float, first: float, last: float, width: float) -> np.ndarray:
+    """Cells of a bar from one distance to another of the middle, turned from x."""
+    x, y = np.meshgrid(np.arange(SIZE) - 31.5, np.arange(SIZE) - 31.5, indexing="ij")
+    u = x * np.cos(turn) + y * np.sin(turn)
+    v = -x * np.sin(turn) + y * np.cos(turn)
+    return (u > first) & (u < last) & (np.abs(v) < width / 2)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.9, 2.0, -2.8])
+@pytest.mark.parametrize("askew", [-0.6, 0.0, 0.7])
+def test_a_hand_is_turned_along_what_it_grips_and_onto_its_middle(turn, askew):
+    relief = relief_of(volume_of(table() + 1.5 * bar(turn, -6, 20, 5)))
+    across = np.array([-np.sin(turn), np.cos(turn)])
+    hands = hand(tuple(32 + 1.5 * across), turn + askew)  # 1.5 voxels beside it
+    turned = along_things(relief, hands)
+    expected = torch.tensor([np.cos(turn), np.sin(turn)]).float()
+    assert (turned.along[0, 0] @ expected).item() > np.cos(0.05)
+    moved = (turned.centers[0, 0, :2].numpy() * SIZE - 32) @ across
+    assert abs(moved) < 0.3
+    assert turned.centers[0, 0, 2] == hands.centers[0, 0, 2]
+    assert torch.equal(turned.approach, hands.approach)
+
+
+def test_hands_stay_as_they_are_where_nothing_is_long():
+    round_thing = np.hypot(*np.mgrid[-31.5:32, -31.5:32]) < 5
+    for heights in (table(), table() + 2.0 * round_thing):
+        hands = hand((32, 33), 0.4)
+        turned = along_things(relief_of(volume_of(heights)), hands)
+        torch.testing.assert_close(turned.along, hands.along)
+        torch.testing.assert_close(turned.centers, hands.centers)
+
+
+def test_a_high_hand_still_sees_what_is_at_its_height():
+    heights = table()
+    heights[30:34, 30:34] += 22.0
+    relief = relief_of(volume_of(heights))
+    where = torch.tensor([[[0.5, 0.5, 32.3 / SIZE]]])  # 22 voxels over the table
+    axes = torch.from_numpy(DOWN.astype(np.float32))[None, None]
+    near = pictures(relief, hands_at(where, axes))[0, 2]
+    assert near[LENGTH // 2, WIDTH // 2].abs() < 0.1
+    assert near[LENGTH // 2 + 12, WIDTH // 2] == -1
+
+
 @pytest.mark.slow
 def test_what_the_far_end_looks_like_is_learned_for_every_direction():
     rng = np.random.default_rng(0)
     torch.manual_seed(0)
 
     def scene() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, float]:
-        """A bar from the hand on; a wide end says 1."""
+        """A bar from a hand held askew on; a wide end says 1."""
         turn, wide = rng.uniform(0, 2 * np.pi), rng.random() < 0.5
-        x, y = np.meshgrid(
-            np.arange(SIZE) - 31.5, np.arange(SIZE) - 31.5, indexing="ij"
-        )
-        u = x * np.cos(turn) + y * np.sin(turn)
-        v = -x * np.sin(turn) + y * np.cos(turn)
-        bar = (u > -4) & (u < 24) & (np.abs(v) < 2)
-        bar |= wide & (np.abs(u - 21) < 3) & (np.abs(v) < 5)
-        pose = hand((32, 32), turn)
-        volume = volume_of(table(rng.uniform(9, 12)) + 0.8 * bar)
+        there = bar(turn, -4, 24, 4) | (wide & bar(turn, 18, 24, 10))
+        pose = hand((32, 32), turn + rng.uniform(-0.7, 0.7))
+        volume = volume_of(table(rng.uniform(9, 12)) + 0.8 * there)
         return volume[0], pose.centers[0], pose, float(wide)
 
     def batch(count: int):

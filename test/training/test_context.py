@@ -121,8 +121,8 @@ def test_hands_are_learned_without_their_local_surfaces(caches):
     assert losses["hands"].item() > 0
     sum(losses.values()).backward()
     assert network.hands.told[0].weight.grad.abs().max() > 0
-    nobody = ContextStage(network, *caches, CONFIG)(0)
-    assert nobody["hands"].item() == 0
+    with pytest.raises(EmptySceneError, match="no scene has grasps of labelled"):
+        ContextStage(network, *caches, CONFIG, [afforded_scene(100)])
 
 
 def afforded_scene(index: int):

@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -14,8 +13,10 @@ from neugrasp_ros.errors import ConfigError
 from neugrasp_ros.geometry.transform import translation
 from neugrasp_ros.model import GraspNetwork, save_network
 from neugrasp_ros.training.cache import POINT_SCALE, load_entry
+from neugrasp_ros.training.occupancy import SceneCache
 from neugrasp_ros.training.run import (
     DEFAULT_STAGES,
+    SEEN_FROM,
     TrainingRun,
     _finish,
     _new_network,
@@ -134,6 +135,7 @@ def test_points_know_what_their_own_thing_affords(tmp_path):
     [
         ("quality", ("detector.read.", "detector.quality.")),
         ("joint", ("scene.", "detector.read.", "detector.quality.")),
+        ("hands", ("hands.",)),
         ("context", ("context.", "hands.", "detector.affordance.")),
     ],
 )
@@ -151,16 +153,30 @@ def test_a_stage_leaves_the_rest_of_a_network_with_context(
     assert all(p.requires_grad for p in network.parameters())
 
 
-def test_seen_scenes_teach_without_local_surfaces(context_network, tmp_path):
-    scenes = [labelled_mug(), replace(labelled_mug(), index=1)]
-    config = TrainConfig(
-        stage="context", steps=1, scenes_per_step=2, grasps_per_scene=4
-    )
+@pytest.mark.parametrize(
+    ("stage", "taught"),
+    [
+        ("occupancy", {0}),
+        ("joint", {0}),
+        ("hands", {0, SEEN_FROM}),
+        ("context", {0, SEEN_FROM}),
+    ],
+)
+def test_seen_scenes_teach_the_context_and_the_hands_alone(
+    context_network, stage, taught, tmp_path, monkeypatch
+):
+    drawn = set()
+    monkeypatch.setattr(
+        SceneCache, "__getitem__",
+        lambda cache, name: drawn.add(int(name)) or cache._entries[name],
+    )  # fmt: skip
+    scenes = [labelled_mug(), replace(labelled_mug(), index=SEEN_FROM)]
+    config = TrainConfig(stage=stage, steps=1, scenes_per_step=4, grasps_per_scene=4)
     render_scenes(scenes, tmp_path / "scenes", workers=1)
     train_stage(context_network, config, tmp_path, scenes[:1], seen=scenes[1:])
-    assert {path.name[:7] for path in (tmp_path / "grasps").iterdir()} == {"0000000"}
-    (state,) = json.loads((tmp_path / "context" / "history.json").read_text())
-    assert state["hands"] > 0
+    assert drawn == taught
+    looked_at = {path.name[:7] for path in (tmp_path / "grasps").glob("*")}
+    assert looked_at <= {"0000000"}
 
 
 def test_the_quality_stage_trains_the_detector_alone(network, tmp_path):
@@ -223,6 +239,6 @@ def test_the_context_alone_leaves_the_calibration_of_the_quality(
         network=SMALL_NETWORK, start=start if started else None,
         stages=tuple(TrainConfig(stage=name, steps=1) for name in stages),
     )  # fmt: skip
-    card = _finish(run, GraspNetwork(SMALL_NETWORK), [], [])
+    card = _finish(run, GraspNetwork(SMALL_NETWORK), [], [], [])
     assert asked == [fitted]
     assert ("start" in card) == started
