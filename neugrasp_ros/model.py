@@ -212,12 +212,13 @@ def warm_start(network: GraspNetwork, path: Path) -> tuple[str, ...]:
     Weights of a network with another encoder start all but the scene network. Those of
     a network without affordance heads start one that has them. Those of one without
     context start one with it, whose affordance head then reads more that has no say in
-    the beginning; and the other way round, where it reads less. Heads that the network
-    does not have are left out.
+    the beginning; and the other way round, where it reads less. The same goes for the
+    view along the hand. Heads that the network does not have are left out.
 
     Args:
         network: Changed in place.
-        path: A weights file of the same shape, apart from encoder, heads and context.
+        path: A weights file of the same shape, apart from encoder, heads, context
+            and view along the hand.
 
     Returns:
         Names of the tensors that the file does not have.

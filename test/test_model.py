@@ -232,10 +232,10 @@ def test_what_is_large_is_stored_in_half_precision_and_all_else_as_it_is(
         torch.testing.assert_close(again[key], tensor, rtol=tolerance, atol=1e-6)
 
 
-@pytest.mark.parametrize("head", ["part_head", "thing_head"])
+@pytest.mark.parametrize("head", ["part_head", "thing_head", "hand_view"])
 def test_the_hash_of_the_quality_tells_what_else_differs_apart(weights, head):
     first = load_network(weights)[0]
-    wider = GraspNetwork(replace(SMALL, context=4, **{head: True}))
+    wider = GraspNetwork(replace(SMALL, context=4, **{head: 1}))
     warm_start(wider, weights)
     wider.affordance_calibration += 1
     assert quality_sha256(wider) == quality_sha256(first)

@@ -93,6 +93,27 @@ def test_a_thing_head_is_new_or_left_and_the_rest_of_the_context_stays(tmp_path)
             assert torch.equal(network.state_dict()[key], old[key]), key
 
 
+def test_a_view_along_the_hand_is_new_and_has_no_say_or_is_left(tmp_path):
+    torch.manual_seed(1)
+    plain = replace(AFFORDING_NETWORK, context=4)
+    for before, after in ((0, 8), (8, 0)):
+        path = tmp_path / f"{before}.safetensors"
+        save_network(GraspNetwork(replace(plain, hand_view=before)), path)
+        network = GraspNetwork(replace(plain, hand_view=after))
+        new = warm_start(network, path)
+        assert bool(new) == bool(after)
+        assert all(key.startswith("hands.") for key in new)
+        old = load_network(path)[0].state_dict()
+        for key in set(network.state_dict()) - set(new):
+            now, then = network.state_dict()[key], old[key]
+            if now.shape != then.shape:
+                assert key == "detector.affordance.decide.0.weight"
+                shared = min(now.shape[1], then.shape[1])
+                assert not now[:, shared:].any()
+                now, then = now[:, :shared], then[:, :shared]
+            assert torch.equal(now, then), key
+
+
 @pytest.mark.parametrize("context", [0, 4])
 def test_heads_are_left_where_the_network_has_none(context, tmp_path):
     torch.manual_seed(1)

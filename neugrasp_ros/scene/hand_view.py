@@ -54,10 +54,9 @@ def hands_at(centers: Tensor, axes: Tensor) -> Hands:
 
     Args:
         centers: In units of the edge, shape (B, K, 3).
-        axes: Rotations of the gripper frame (z approach, y closing), their columns of
-            any length, shape (B, K, 3, 3).
+        axes: Rotations of the gripper frame (z approach, y closing), mirrored ones too,
+            shape (B, K, 3, 3).
     """
-    axes = nn.functional.normalize(axes, dim=-2)
     breadth, approach = axes[..., :2, 0], axes[..., :2, 2]
     longer = breadth.norm(dim=-1) >= approach.norm(dim=-1)
     along = torch.where(longer[..., None], breadth, approach)
@@ -92,21 +91,30 @@ def along_things(relief: Relief, hands: Hands) -> Hands:
         total = bell.sum(dim=-1, keepdim=True)
         share = bell / total.clamp(min=1e-6)
         there = (share[..., None] * offsets).sum(dim=-2)
-        x, y = (offsets - there[..., None, :]).unbind(dim=-1)
-        split, both = (share * (x * x - y * y)).sum(-1), 2 * (share * x * y).sum(-1)
-        spread = (share * (x * x + y * y)).sum(-1)
-        angle = torch.atan2(both, split) / 2
-        long = torch.hypot(split, both) > LEAST_LONG * spread
+        axis, long = _long_axis(offsets - there[..., None, :], share)
         found &= (total > LEAST_MASS) & long[..., None]
-        axis = torch.stack([angle.cos(), angle.sin()], dim=-1)
         along = torch.where(found, axis, hands.along)
         side = _across(along)
         middle = (there * side).sum(dim=-1, keepdim=True) * side * found
     ahead, _ = _components(offsets - middle[..., None, :], along)
-    more = (bell * ahead).sum(dim=-1, keepdim=True) < 0
-    along = torch.where(more & found, -along, along)
+    behind = (bell * ahead).sum(dim=-1, keepdim=True) < 0
+    along = torch.where(behind & found, -along, along)
     centers = torch.cat([hands.centers[..., :2] + middle, hands.centers[..., 2:]], -1)
     return Hands(centers, along, hands.approach)
+
+
+def _long_axis(offsets: Tensor, shares: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the axis (..., 2) of most spread, and whether it is a long one (...).
+
+    Args:
+        offsets: From the middle of mass, shape (..., N, 2).
+        shares: Of the mass, shape (..., N).
+    """
+    x, y = offsets.unbind(dim=-1)
+    xx, yy, xy = ((shares * term).sum(dim=-1) for term in (x * x, y * y, x * y))
+    angle = torch.atan2(2 * xy, xx - yy) / 2
+    long = torch.hypot(2 * xy, xx - yy) > LEAST_LONG * (xx + yy)
+    return torch.stack([angle.cos(), angle.sin()], dim=-1), long
 
 
 class HandView(nn.Module):
@@ -216,10 +224,9 @@ def _poses(relief: Relief, hands: Hands, turned: Hands) -> Tensor:
 
 def _components(offsets: Tensor, along: Tensor) -> tuple[Tensor, Tensor]:
     """Return the parts of offsets (..., N, 2) along and across axes (..., 2)."""
-    return (
-        torch.einsum("...nc,...c->...n", offsets, along),
-        torch.einsum("...nc,...c->...n", offsets, _across(along)),
-    )
+    axes = along[..., None, :], _across(along)[..., None, :]
+    ahead, beside = ((offsets * axis).sum(dim=-1) for axis in axes)
+    return ahead, beside
 
 
 def _across(along: Tensor) -> Tensor:

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn.functional import binary_cross_entropy_with_logits
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.datagen.labels import SceneLabels
@@ -24,7 +25,6 @@ from neugrasp_ros.scene.heights import Relief, relief_of
 from neugrasp_ros.training.cache import SceneEntry
 from neugrasp_ros.training.device import device_of, moved
 from neugrasp_ros.training.grasps import NOT_KNOWN, affordance_targets
-from neugrasp_ros.training.losses import known_entropy
 from neugrasp_ros.training.occupancy import TURNS, SceneCache, turn_points, turn_volume
 from neugrasp_ros.training.views import EDGE, dequantise
 
@@ -150,8 +150,9 @@ class HandLoss:
         said = self._view.classes(
             self._view(relief, hands_at(batch.centers, batch.axes))
         )
-        known = torch.ones(len(said), device=said.device)
-        entropy = known_entropy(said, batch.classes.flatten(0, 1), known)
+        entropy = binary_cross_entropy_with_logits(
+            said.float(), batch.classes.flatten(0, 1)
+        )
         return self._config.w_hands * entropy
 
     def _draw(
