@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import binary_cross_entropy_with_logits
 
 from neugrasp_ros.config import TrainConfig
 from neugrasp_ros.datagen.labels import SceneLabels
@@ -25,6 +24,7 @@ from neugrasp_ros.scene.heights import Relief, relief_of
 from neugrasp_ros.training.cache import SceneEntry
 from neugrasp_ros.training.device import device_of, moved
 from neugrasp_ros.training.grasps import NOT_KNOWN, affordance_targets
+from neugrasp_ros.training.losses import focal_loss
 from neugrasp_ros.training.occupancy import TURNS, SceneCache, turn_points, turn_volume
 from neugrasp_ros.training.views import EDGE, dequantise
 
@@ -150,10 +150,7 @@ class HandLoss:
         said = self._view.classes(
             self._view(relief, hands_at(batch.centers, batch.axes))
         )
-        entropy = binary_cross_entropy_with_logits(
-            said.float(), batch.classes.flatten(0, 1)
-        )
-        return self._config.w_hands * entropy
+        return self._config.w_hands * focal_loss(said, batch.classes.flatten(0, 1))
 
     def _draw(
         self, scene: SceneHands, rng: np.random.Generator

@@ -6,6 +6,7 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 EPSILON = 1e-6
+FOCUS = 2  # exponent gamma of the focal loss
 
 
 def known_entropy(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
@@ -22,6 +23,24 @@ def known_entropy(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
         weight = weight[..., None].expand_as(logits)
     total = binary_cross_entropy_with_logits(logits, targets, weight, reduction="sum")
     return total / weight.sum().clamp(min=1.0)
+
+
+def focal_loss(logits: Tensor, targets: Tensor) -> Tensor:
+    """Return the focal loss, summed over the classes, a mean over the rows.
+
+    With q the probability given to what is true, ``-(1 - q)**2 log q`` (Lin et al. 2017,
+    equation 4, gamma 2). What is known already weighs little, so what hardly any row
+    turns on, such as whether a blade has a point, is not lost in the rest.
+
+    Args:
+        logits: Shape (N, A).
+        targets: 0 or 1, of the same shape.
+    """
+    entropy = binary_cross_entropy_with_logits(
+        logits.float(), targets, reduction="none"
+    )
+    missed = 1 - (-entropy).exp()
+    return (missed**FOCUS * entropy).sum(dim=-1).mean()
 
 
 def overlap_loss(logits: Tensor, targets: Tensor, counted: Tensor) -> Tensor:

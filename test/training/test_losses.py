@@ -4,7 +4,12 @@ import pytest
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from neugrasp_ros.training.losses import affordance_loss, known_entropy, overlap_loss
+from neugrasp_ros.training.losses import (
+    affordance_loss,
+    focal_loss,
+    known_entropy,
+    overlap_loss,
+)
 
 TARGETS = torch.tensor([[1.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 ALL = torch.ones(4, dtype=torch.bool)
@@ -89,3 +94,13 @@ def test_only_points_that_count_overlap():
     logits = torch.tensor([[40.0, -40.0, -40.0, 40.0]])
     counted = torch.tensor([[True, False, True, False]])
     assert overlap_loss(logits, occupied, counted) == pytest.approx(0, abs=1e-4)
+
+
+def test_the_focal_loss_is_its_formula():
+    logits, targets = (
+        torch.tensor([[0.0, 2.0], [-1.0, 3.0]]),
+        torch.tensor([[1.0, 0], [0, 1]]),
+    )
+    right = torch.where(targets > 0, logits, -logits).sigmoid()
+    wanted = (-((1 - right) ** 2) * right.log()).sum(dim=1).mean()
+    torch.testing.assert_close(focal_loss(logits, targets), wanted)
