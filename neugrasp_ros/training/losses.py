@@ -28,8 +28,8 @@ def known_entropy(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
 def focal_loss(logits: Tensor, targets: Tensor) -> Tensor:
     """Return the focal loss, summed over the classes, a mean over the rows.
 
-    With q the probability given to what is true, ``-(1 - q)**2 log q`` (Lin et al. 2017,
-    equation 4, gamma 2). What is known already weighs little, so what hardly any row
+    With q the probability given to what is true, ``-(1 - q)**2 log q`` (Lin et al.,
+    2017, equation 4, gamma 2). What is known already weighs little, so what hardly any row
     turns on, such as whether a blade has a point, is not lost in the rest.
 
     Args:
