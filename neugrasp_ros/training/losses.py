@@ -29,8 +29,8 @@ def focal_loss(logits: Tensor, targets: Tensor) -> Tensor:
     """Return the focal loss, summed over the classes, a mean over the rows.
 
     With q the probability given to what is true, ``-(1 - q)**2 log q`` (Lin et al.,
-    2017, equation 4, gamma 2). What is known already weighs little, so what hardly any row
-    turns on, such as whether a blade has a point, is not lost in the rest.
+    2017, equation 4, gamma 2). What is known already weighs little, so that is not lost
+    in the rest which hardly any row turns on, such as whether a blade has a point.
 
     Args:
         logits: Shape (N, A).
