@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 EPSILON = 1e-6
-FOCUS = 2  # exponent gamma of the focal loss
+FOCUS = 2  # exponent of the focal loss, its gamma
 
 
 def known_entropy(logits: Tensor, targets: Tensor, known: Tensor) -> Tensor:
@@ -29,8 +29,8 @@ def focal_loss(logits: Tensor, targets: Tensor) -> Tensor:
     """Return the focal loss, summed over the classes, a mean over the rows.
 
     With q the probability given to what is true, ``-(1 - q)**2 log q`` (Lin et al.,
-    2017, equation 4, gamma 2). What is known already weighs little, so that is not lost
-    in the rest which hardly any row turns on, such as whether a blade has a point.
+    2017, equation 4). What is known already weighs little, so a class that is hard in
+    few rows, such as whether a blade has a point, is not lost among the rest.
 
     Args:
         logits: Shape (N, A).

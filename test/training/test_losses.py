@@ -97,10 +97,8 @@ def test_only_points_that_count_overlap():
 
 
 def test_the_focal_loss_is_its_formula():
-    logits, targets = (
-        torch.tensor([[0.0, 2.0], [-1.0, 3.0]]),
-        torch.tensor([[1.0, 0], [0, 1]]),
-    )
+    logits = torch.tensor([[0.0, 2.0], [-1.0, 3.0]])
+    targets = torch.tensor([[1.0, 0.0], [0.0, 1.0]])
     right = torch.where(targets > 0, logits, -logits).sigmoid()
     wanted = (-((1 - right) ** 2) * right.log()).sum(dim=1).mean()
     torch.testing.assert_close(focal_loss(logits, targets), wanted)
