@@ -5,6 +5,7 @@ import json
 import os
 import re
 import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -80,6 +81,11 @@ def figures(
         "command": without_folders(command),
         "commit": source_commit(),
     }
+
+
+def command_line() -> str:
+    """Return the command that this process runs, as reports have it."""
+    return without_folders("neugrasp " + " ".join(sys.argv[1:]))
 
 
 def without_folders(command: str) -> str:

@@ -2,7 +2,6 @@
 """``neugrasp agreement``: labels against the benchmark's full execution."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from neugrasp_ros.cli.counts import require_positive
@@ -31,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from neugrasp_ros.benchmark.metrics import wilson_interval
-    from neugrasp_ros.benchmark.report import source_commit, write_report
+    from neugrasp_ros.benchmark.report import command_line, source_commit, write_report
     from neugrasp_ros.datagen.agreement import count_agreement, draw_rechecks, recheck
     from neugrasp_ros.datagen.pool import run_local
     from neugrasp_ros.datagen.shards import load_shards
@@ -66,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
             args.json,
             {
                 "agreement": groups,
-                "command": "neugrasp " + " ".join(sys.argv[1:]),
+                "command": command_line(),
                 "commit": source_commit(),
                 "data": args.data.name,
                 "seed": args.seed,

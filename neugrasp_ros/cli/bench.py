@@ -2,7 +2,6 @@
 """``neugrasp bench``: clutter-removal rounds in physics."""
 
 import argparse
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -77,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     from neugrasp_ros.benchmark.probes import N_CANDIDATES
     from neugrasp_ros.benchmark.protocol import Suite
     from neugrasp_ros.benchmark.records import round_from_record
-    from neugrasp_ros.benchmark.report import figures, say, write_report
+    from neugrasp_ros.benchmark.report import command_line, figures, say, write_report
     from neugrasp_ros.benchmark.runner import run_suite
     from neugrasp_ros.benchmark.table import load_results, markdown_table
     from neugrasp_ros.config import PlannerConfig
@@ -117,8 +116,7 @@ def run(args: argparse.Namespace) -> int:
         notes.keep(record.index, record.as_record())
         rounds.append(record)
         print(say(rounds, args.rounds), flush=True)
-    command = "neugrasp " + " ".join(sys.argv[1:])
-    result = figures(suite, args.policy, rounds, args.weights, command)
+    result = figures(suite, args.policy, rounds, args.weights, command_line())
     if served:
         result["affordance"] = _probe(suite, config, args)
     if args.json:

@@ -3,7 +3,6 @@
 
 import argparse
 import os
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -167,10 +166,10 @@ def _require_parts(plan: "RunPlan") -> None:
 
 def _about(args: argparse.Namespace) -> dict[str, Any]:
     """Return what a reader of the figures needs to repeat them, without folders."""
-    from neugrasp_ros.benchmark.report import source_commit, without_folders
+    from neugrasp_ros.benchmark.report import command_line, source_commit
 
     return {
-        "command": without_folders("neugrasp " + " ".join(sys.argv[1:])),
+        "command": command_line(),
         "commit": source_commit(),
         "cores": os.cpu_count(),
         "workers": args.workers,

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ConfigError: If options do not go together.
     """
-    from neugrasp_ros.benchmark.report import source_commit, without_folders
+    from neugrasp_ros.benchmark.report import command_line, source_commit
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.model import default_weights, file_sha256
 
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         result["weights_sha256"] = file_sha256(default_weights())
         result["commit"] = source_commit()
-        result["command"] = without_folders("neugrasp " + " ".join(sys.argv[1:]))
+        result["command"] = command_line()
         args.json.parent.mkdir(parents=True, exist_ok=True)
         args.json.write_text(json.dumps(result, indent=1) + "\n")
     print(f"log of the suite: {log_path}")

@@ -2,7 +2,6 @@
 """``neugrasp evaluate``: predicted quality and affordances against labels."""
 
 import argparse
-import sys
 from pathlib import Path
 
 REPORT_EVERY = 20
@@ -32,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     """Look at every scene, say how it goes, write the figures."""
     import numpy as np
 
-    from neugrasp_ros.benchmark.report import source_commit, write_report
+    from neugrasp_ros.benchmark.report import command_line, source_commit, write_report
     from neugrasp_ros.datagen.shards import load_shards
     from neugrasp_ros.errors import ConfigError
     from neugrasp_ros.model import (
@@ -63,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         views, network.config.affordances, np.random.default_rng(args.seed)
     )
     figures |= {
-        "command": "neugrasp " + " ".join(sys.argv[1:]),
+        "command": command_line(),
         "commit": source_commit(),
         "data": args.data.name,
         "seed": args.seed,

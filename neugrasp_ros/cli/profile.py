@@ -3,7 +3,6 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -56,7 +55,7 @@ def add_parser(
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print the table, write figures and picture."""
-    from neugrasp_ros.benchmark.report import source_commit, write_report
+    from neugrasp_ros.benchmark.report import command_line, source_commit, write_report
     from neugrasp_ros.benchmark.speed import best_of, matmul_ms
     from neugrasp_ros.benchmark.speed_figures import draw_profile, profile_table
     from neugrasp_ros.cli.score_check import score_notes_path
@@ -93,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     for name in wanted:
         result |= _part(name, args, planner, scenes, shots)()
         result["commands"][name] = {
-            "command": "neugrasp " + " ".join(sys.argv[1:]),
+            "command": command_line(),
             "commit": source_commit(),
             "seed": args.seed,
             "threads": args.threads,

@@ -3,7 +3,6 @@
 
 import argparse
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -141,7 +140,7 @@ def run_order(args: argparse.Namespace) -> int:
 
 def _tell(figures: dict[str, Any], path: Path | None) -> None:
     """Print figures, and write them with what made them."""
-    from neugrasp_ros.benchmark.report import source_commit, write_report
+    from neugrasp_ros.benchmark.report import command_line, source_commit, write_report
     from neugrasp_ros.model import default_weights, file_sha256
 
     for name, value in figures.items():
@@ -149,7 +148,7 @@ def _tell(figures: dict[str, Any], path: Path | None) -> None:
             print(f"{name}: {value}")
     if path:
         origin = {
-            "command": "neugrasp " + " ".join(sys.argv[1:]),
+            "command": command_line(),
             "commit": source_commit(),
             "weights_sha256": file_sha256(default_weights()),
         }

@@ -2,7 +2,6 @@
 """``neugrasp summarize``: many demonstrations as one figure with its interval."""
 
 import argparse
-import sys
 from pathlib import Path
 
 
@@ -21,10 +20,10 @@ def add_parser(
 def run(args: argparse.Namespace) -> int:
     """Print the pooled figures, and write them."""
     from neugrasp_ros.benchmark.demo_summary import load_demos, summarize_demos
-    from neugrasp_ros.benchmark.report import write_report
+    from neugrasp_ros.benchmark.report import command_line, write_report
 
     figures = summarize_demos(load_demos(args.folder))
-    figures["command"] = "neugrasp " + " ".join(sys.argv[1:])
+    figures["command"] = command_line()
     if args.json:
         write_report(args.json, figures)
     low, high = figures["success_ci"]

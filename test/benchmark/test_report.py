@@ -2,13 +2,14 @@
 """Reports say what was run, and nothing about where."""
 
 import json
+import sys
 from pathlib import Path
 
 from diamond import SMALL_NETWORK
 
 from neugrasp_ros.benchmark.protocol import Suite
 from neugrasp_ros.benchmark.records import AttemptRecord, RoundRecord
-from neugrasp_ros.benchmark.report import figures, say, write_report
+from neugrasp_ros.benchmark.report import command_line, figures, say, write_report
 from neugrasp_ros.model import GraspNetwork, save_network
 
 
@@ -63,3 +64,10 @@ def test_figures_count_name_and_hide(tmp_path: Path) -> None:
 def test_the_line_for_people_adds_up() -> None:
     line = say([_round(0, ("", "empty"))], 10)
     assert line.startswith("round 1/10: 1/2 attempts, 1/3 objects")
+
+
+def test_the_command_line_names_no_folder_of_this_machine(monkeypatch):
+    monkeypatch.setattr(
+        sys, "argv", ["cli/main.py", "evaluate", "--json", "/secret/place/val.json"]
+    )
+    assert command_line() == "neugrasp evaluate --json $DIR/val.json"
